@@ -3,7 +3,7 @@
 //
 // For each pixel: |colour - truth| and its square, |inverse depth - truth|, |feature - wanted| if supervised, and for
 // each plane |here - neighbour| to the right and below if both count. Region smoothness is added by
-// regions.wgsl. Each workgroup writes one weighted sum of each term; settle.wgsl adds them up in order.
+// regions.wgsl. Each workgroup writes one weighted sum of each term; finish_step.wgsl adds them up in order.
 //
 // Bindings: crates/render/src/train/step/loss.rs.
 

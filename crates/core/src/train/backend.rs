@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// View of the scene in one step.
 #[derive(Clone, Debug)]
-pub struct Look {
+pub struct StepView {
     /// Camera of the frame, or of half its size.
     pub camera: Camera,
     /// Time, 0–1.
@@ -28,7 +28,7 @@ pub struct Look {
     pub progress: f32,
 }
 
-impl Look {
+impl StepView {
     /// Distance of neighbouring pixels, px of the full-size image.
     pub fn spacing_px(&self) -> usize {
         self.sampling.step * if self.half { 2 } else { 1 }
@@ -43,7 +43,7 @@ pub struct StepPlan {
     /// Frame at the size of the camera, with all its pixels.
     pub frame: Arc<TrainFrame>,
     /// Camera, time and pixels.
-    pub look: Look,
+    pub view: StepView,
     /// Number of steps done before.
     pub step: usize,
     /// `true` if parameters are updated; statistics are updated in any case.
@@ -64,16 +64,16 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Weights of the loss for the pixels of `look`.
-    pub fn loss_weights(&self, look: &Look) -> LossWeights {
-        self.settings.loss.sampled(look.spacing_px())
+    /// Weights of the loss for the pixels of `view`.
+    pub fn loss_weights(&self, view: &StepView) -> LossWeights {
+        self.settings.loss.sampled(view.spacing_px())
     }
 
     /// Factors of the pull at a splat's centre before it is added to the statistics.
-    pub fn pull_scale(&self, look: &Look) -> [f32; 2] {
+    pub fn pull_scale(&self, view: &StepView) -> [f32; 2] {
         if self.settings.densify.threshold > 0.0 {
-            [0.5 * look.camera.width as f32, 0.5 * look.camera.height as f32]
-        } else if look.half {
+            [0.5 * view.camera.width as f32, 0.5 * view.camera.height as f32]
+        } else if view.half {
             [0.5; 2]
         } else {
             [1.0; 2]
@@ -97,8 +97,7 @@ pub struct StepOutcome {
     pub cameras: Vec<(usize, Twist<f32>)>,
 }
 
-/// Carries out training steps. A backend that does all of a step in the model at once has nothing to settle,
-/// finish or forget.
+/// Carries out training steps. A backend that updates the model in each step needs only `step` and `densify`.
 pub trait TrainBackend: Send {
     /// Name of the device it runs on.
     fn name(&self) -> String;
@@ -120,8 +119,8 @@ pub trait TrainBackend: Send {
         model.gaussians.len()
     }
 
-    /// Waits for all steps and tells what is new of them; the model may stay out of date.
-    fn settle(&mut self, _model: &mut Model, _context: &Context<'_>) -> Result<StepOutcome> {
+    /// Waits for all submitted steps and returns their outcome. The model may stay out of date.
+    fn synchronise(&mut self, _model: &mut Model, _context: &Context<'_>) -> Result<StepOutcome> {
         Ok(StepOutcome::default())
     }
 
@@ -130,6 +129,6 @@ pub trait TrainBackend: Send {
         Ok(StepOutcome::default())
     }
 
-    /// Tells the backend that the model was changed from outside after [`TrainBackend::finish`].
-    fn forget(&mut self) {}
+    /// Drops the device's copy of the model, which was changed outside.
+    fn invalidate(&mut self) {}
 }

@@ -415,7 +415,7 @@ fn long_recordings_cost_no_more_per_step_and_keep_to_their_memory() {
 
 /// A backend that does nothing but note which pixels of which frame each step takes.
 #[derive(Default)]
-struct Noting(std::sync::Arc<std::sync::Mutex<Vec<(usize, Look)>>>);
+struct Noting(std::sync::Arc<std::sync::Mutex<Vec<(usize, StepView)>>>);
 
 impl TrainBackend for Noting {
     fn name(&self) -> String {
@@ -429,7 +429,7 @@ impl TrainBackend for Noting {
         _: &Context<'_>,
         _: &mut PassClock<Pass>,
     ) -> Result<StepOutcome> {
-        self.0.lock().unwrap().push((plan.index, plan.look));
+        self.0.lock().unwrap().push((plan.index, plan.view));
         Ok(StepOutcome::default())
     }
 
@@ -443,13 +443,13 @@ fn a_backend_is_tried_on_what_takes_longest_with_everything_at_hand() {
     let clip = Clip::new(6);
     let mut trainer = clip.trainer(short(400));
     let noting = Noting::default();
-    let looks = noting.0.clone();
+    let views = noting.0.clone();
     trainer.try_out(Box::new(noting), 8).unwrap();
-    let looks = looks.lock().unwrap();
-    assert_eq!(looks.len(), 16);
-    let pixels = |(frame, look): &(usize, Look)| (*frame, look.half, look.sampling.first);
-    let (first, timed) = looks.split_at(8);
-    assert!(first.iter().map(pixels).eq(timed.iter().map(pixels)), "{looks:?}");
-    assert!(timed.iter().all(|(_, look)| !look.half && look.progress >= 0.75), "{looks:?}");
+    let views = views.lock().unwrap();
+    assert_eq!(views.len(), 16);
+    let pixels = |(frame, view): &(usize, StepView)| (*frame, view.half, view.sampling.first);
+    let (first, timed) = views.split_at(8);
+    assert!(first.iter().map(pixels).eq(timed.iter().map(pixels)), "{views:?}");
+    assert!(timed.iter().all(|(_, view)| !view.half && view.progress >= 0.75), "{views:?}");
     assert_eq!(trainer.state.step, 0);
 }

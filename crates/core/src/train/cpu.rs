@@ -1,7 +1,7 @@
 //! A training step on the CPU.
 
 use super::{
-    Context, Look, LossTerms, Model, StepOutcome, StepPlan, TrainBackend,
+    Context, LossTerms, Model, StepOutcome, StepPlan, StepView, TrainBackend,
     chain::{self, FrameState, Gradients},
     densify::{Densify, densify},
     frames::TrainFrame,
@@ -50,22 +50,22 @@ impl TrainBackend for CpuBackend {
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> Result<StepOutcome> {
-        let StepPlan { index, look, step, updates, .. } = &plan;
+        let StepPlan { index, view, step, updates, .. } = &plan;
         let sampled;
-        let frame = if look.sampling == Sampling::ALL {
+        let frame = if view.sampling == Sampling::ALL {
             &*plan.frame
         } else {
-            sampled = plan.frame.sampled(look.sampling);
+            sampled = plan.frame.sampled(view.sampling);
             &sampled
         };
         clock.start();
-        let bins = self.render(model, frame, look, context, clock);
-        let terms = self.compare(frame, look, context, clock);
-        let finite = terms.total().is_finite() && self.differentiate(model, &bins, look, context, clock);
+        let bins = self.render(model, frame, view, context, clock);
+        let terms = self.compare(frame, view, context, clock);
+        let finite = terms.total().is_finite() && self.differentiate(model, &bins, view, context, clock);
         if finite {
-            model.statistics.add(&self.splats, &self.g_splats, context.pull_scale(look));
+            model.statistics.add(&self.splats, &self.g_splats, context.pull_scale(view));
             if *updates {
-                self.update(model, look, *step, context);
+                self.update(model, view, *step, context);
             }
             clock.lap(Pass::Adam);
         }
@@ -85,17 +85,17 @@ impl CpuBackend {
         &mut self,
         model: &Model,
         frame: &TrainFrame,
-        look: &Look,
+        view: &StepView,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> Bins {
         let Self { psi, deformed, splats, packed, images, .. } = self;
         let Model { gaussians, deformation, .. } = model;
-        deformation.psi_into(gaussians.len(), look.time, psi);
+        deformation.psi_into(gaussians.len(), view.time, psi);
         let latent_dim = context.learned_latents(gaussians);
-        deform_by(gaussians, deformation, psi, look.time, latent_dim > 0, deformed);
+        deform_by(gaussians, deformation, psi, view.time, latent_dim > 0, deformed);
         clock.lap(Pass::Deform);
-        project_into(gaussians, deformed, &look.camera, look.sampling, splats);
+        project_into(gaussians, deformed, &view.camera, view.sampling, splats);
         packed.fill(splats, &deformed.features, latent_dim);
         clock.lap(Pass::Project);
         (images.width, images.height) = frame.size();
@@ -110,12 +110,12 @@ impl CpuBackend {
     fn compare(
         &mut self,
         frame: &TrainFrame,
-        look: &Look,
+        view: &StepView,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> LossTerms<f32> {
         let truth = frame.truth(context.latents, context.typical_depth);
-        let weights = context.loss_weights(look);
+        let weights = context.loss_weights(view);
         let terms = loss_into(&self.images.planes, &truth, &weights, &mut self.g_planes);
         clock.lap(Pass::Loss);
         terms
@@ -126,7 +126,7 @@ impl CpuBackend {
         &mut self,
         model: &Model,
         bins: &Bins,
-        look: &Look,
+        view: &StepView,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> bool {
@@ -134,7 +134,7 @@ impl CpuBackend {
             self;
         (*g_splats, *g_features) = raster_backward_with(splats, packed, bins, images, g_planes, slots);
         for g in g_splats.iter_mut() {
-            look.sampling.apply_backward(g);
+            view.sampling.apply_backward(g);
             if !context.settings.depth_moves_centres {
                 g.depth = 0.0;
             }
@@ -146,18 +146,18 @@ impl CpuBackend {
             psi,
             deformed,
             splats,
-            camera: &look.camera,
-            time: look.time,
+            camera: &view.camera,
+            time: view.time,
         };
         let finite = chain::backward(&state, g_splats, g_features, gradients);
         clock.lap(Pass::Chain);
         finite
     }
 
-    fn update(&mut self, model: &mut Model, look: &Look, step: usize, context: &Context<'_>) {
+    fn update(&mut self, model: &mut Model, view: &StepView, step: usize, context: &Context<'_>) {
         let Model { gaussians, deformation, optimiser, .. } = model;
         hold_bands(&mut self.gradients, context.settings, gaussians.sh_bands(), step);
-        let rates = (look.time, look.progress, context.world_per_px);
+        let rates = (view.time, view.progress, context.world_per_px);
         optimiser.step(gaussians, deformation, &mut self.gradients, context.settings, rates);
     }
 }

@@ -60,7 +60,7 @@ impl Trainer {
         for ((row, sum), weight) in rows.zip(weights).filter(|(_, w)| *w > MIN_WEIGHT) {
             row.iter_mut().zip(sum).for_each(|(f, s)| *f = s / weight);
         }
-        self.backend.forget();
+        self.backend.invalidate();
         Ok(())
     }
 

@@ -22,7 +22,7 @@ mod settings;
 mod state;
 
 pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
-pub use backend::{Context, Look, StepOutcome, StepPlan, TrainBackend};
+pub use backend::{Context, StepOutcome, StepPlan, StepView, TrainBackend};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
 pub use chapters::Plan;
 pub use checkpoint::is_checkpoint;
@@ -235,20 +235,20 @@ impl Trainer {
         }
         let before = (self.state.queue.clone(), self.state.rng.clone());
         let index = self.next_frame();
-        let look = self.next_look(index);
-        let frame = self.cache.get(self.prepared.as_ref(), index, look.half).inspect_err(|_| {
+        let view = self.next_view(index);
+        let frame = self.cache.get(self.prepared.as_ref(), index, view.half).inspect_err(|_| {
             // The step was not begun and can be repeated once the frame can be read.
             (self.state.queue, self.state.rng) = before;
         })?;
         let loses_step = self.applied.densify.loses_step;
         let updates = !(loses_step && self.applied.densifies_at(self.state.step + 1));
-        Ok(StepPlan { index, frame, look, step: self.state.step, updates })
+        Ok(StepPlan { index, frame, view, step: self.state.step, updates })
     }
 
     /// Waits for the results of the steps that were taken.
-    fn settle(&mut self) -> Result<()> {
+    fn synchronise(&mut self) -> Result<()> {
         let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
-        let outcome = self.backend.settle(&mut self.state.model, &context)?;
+        let outcome = self.backend.synchronise(&mut self.state.model, &context)?;
         self.take_in(outcome);
         Ok(())
     }
@@ -273,7 +273,7 @@ impl Trainer {
         if is_still || self.state.step == 0 {
             return Ok(());
         }
-        self.settle()?;
+        self.synchronise()?;
         let progress = self.progress();
         let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let rates =
@@ -302,23 +302,23 @@ impl Trainer {
         let tried = (|| {
             let (first, queue, rng) = (self.state.step, self.state.queue.clone(), self.state.rng.clone());
             (0..steps).try_for_each(|_| self.step().map(drop))?;
-            self.settle()?;
+            self.synchronise()?;
             (self.state.step, self.state.queue, self.state.rng) = (first, queue, rng);
             let started = std::time::Instant::now();
             (0..steps).try_for_each(|_| self.step().map(drop))?;
-            self.settle()?;
+            self.synchronise()?;
             Ok((started.elapsed().as_secs_f64(), self.terms))
         })();
         self.backend = own;
         (self.state, self.terms) = (before, terms);
         self.sequence = self.state.posed(&self.sequence);
-        self.backend.forget();
+        self.backend.invalidate();
         tried
     }
 
     /// Next view of frame `i`: at half size first, and of one pixel, at random, in each square of
     /// `pixel_step`².
-    fn next_look(&mut self, i: usize) -> Look {
+    fn next_view(&mut self, i: usize) -> StepView {
         let mut camera = self.sequence.camera(i);
         let progress = self.progress();
         let half = progress < self.applied.half_size_share && camera.width > 1 && camera.height > 1;
@@ -334,7 +334,7 @@ impl Trainer {
         if sampling.step > 1 {
             sampling.first = [0; 2].map(|_| self.state.rng.random_range(0..sampling.step));
         }
-        Look { camera, time: self.time(i), half, sampling, progress }
+        StepView { camera, time: self.time(i), half, sampling, progress }
     }
 
     /// Time of frame `i`.

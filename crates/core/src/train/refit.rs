@@ -1,7 +1,7 @@
 //! Fits a scene that can change in fewer ways to the pictures of another one.
 
 use super::{
-    Context, CpuBackend, Look, LossWeights, Model, StepPlan, TrainBackend, TrainFrame, TrainSettings,
+    Context, CpuBackend, LossWeights, Model, StepPlan, StepView, TrainBackend, TrainFrame, TrainSettings,
     frames::planar,
 };
 use crate::{
@@ -145,8 +145,8 @@ impl<'a> Examples<'a> {
         }
         sampling.first = [0; 2].map(|_| self.rng.random_range(0..sampling.step));
         let progress = step as f32 / settings.iterations as f32;
-        let look = Look { camera, time: self.like.time(index), half: false, sampling, progress };
-        StepPlan { index, frame: self.frame(index), look, step, updates: true }
+        let view = StepView { camera, time: self.like.time(index), half: false, sampling, progress };
+        StepPlan { index, frame: self.frame(index), view, step, updates: true }
     }
 
     fn frame(&mut self, i: usize) -> Arc<TrainFrame> {

@@ -38,7 +38,7 @@ impl CurrentStep<'_> {
     }
 
     pub(super) fn weights(&self) -> LossWeights {
-        self.context.loss_weights(&self.plan.look)
+        self.context.loss_weights(&self.plan.view)
     }
 
     /// Number of regions to be smoothed.

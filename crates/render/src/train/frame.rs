@@ -141,13 +141,13 @@ impl FrameStore {
         context: &Context<'_>,
         latent_dim: usize,
     ) -> Result<&FrameBuffers> {
-        let sampling = plan.look.sampling;
-        let key = (plan.index, plan.look.half, sampling.first);
+        let sampling = plan.view.sampling;
+        let key = (plan.index, plan.view.half, sampling.first);
         if !self.frames.contains_key(&key) {
             let sampled = (sampling != Sampling::ALL).then(|| plan.frame.sampled(sampling));
             let frame = sampled.as_ref().unwrap_or(&plan.frame);
             let truth = frame.truth(context.latents, context.typical_depth);
-            let min_region_px = context.loss_weights(&plan.look).min_region_px;
+            let min_region_px = context.loss_weights(&plan.view).min_region_px;
             let buffers = FrameBuffers::new(gpu, &truth, latent_dim, min_region_px)?;
             // All frames are equally likely to be needed next, so it does not matter which are dropped.
             if self.bytes + buffers.bytes() > context.settings.frame_cache_bytes as u64 {

@@ -4,7 +4,7 @@
 //! ```text
 //! deform ─▶ project ─▶ bin, a slot for each pair ─▶ raster ─▶ loss, regions
 //!                                                                 │
-//! update ◀─ settle ◀─ chain, features, network ◀─ gather ◀─ backward into the slots
+//! update ◀─ finish_step ◀─ chain, features, network ◀─ gather ◀─ backward into the slots
 //! ```
 //!
 //! The host reads the results of the steps now and then. It then notices if pairs did not fit. In that
@@ -128,7 +128,7 @@ impl GpuBackend {
 
     /// Takes one step and reads back the output of each pass.
     pub fn trace(&mut self, model: &mut Model, plan: StepPlan, context: &Context<'_>) -> Result<StepTrace> {
-        let size = plan.look.sampling.size(plan.frame.size().0, plan.frame.size().1);
+        let size = plan.view.sampling.size(plan.frame.size().0, plan.frame.size().1);
         let now = self.step(model, plan, context, &mut PassClock::default())?;
         let gpu = self.gpu.clone();
         let later = gpu.guarded(|| self.read_history(model, context))?;
@@ -193,8 +193,8 @@ impl GpuBackend {
         let Self { gpu, deform, project, bin, raster, step, frames, resident, timer, .. } = self;
         let (Some(step), Some(resident)) = (step, resident) else { return Ok(()) };
         let Model { gaussians, deformation, .. } = model;
-        let (n, dim, time) = (resident.num_gaussians, step.latent_dim, plan.look.time);
-        let view = ViewParams::new(&plan.look.camera, gaussians, bin.capacity()).sampled(plan.look.sampling);
+        let (n, dim, time) = (resident.num_gaussians, step.latent_dim, plan.view.time);
+        let view = ViewParams::new(&plan.view.camera, gaussians, bin.capacity()).sampled(plan.view.sampling);
         let view = ViewParams { num_gaussians: n as u32, ..view };
         let view_buffer = &uniform(gpu, &view);
         let frame = frames.get(gpu, plan, context, dim)?;
@@ -258,9 +258,7 @@ impl GpuBackend {
             self.bin.grow_if_full(&self.gpu, wanted.saturating_add(wanted / 8))?;
             let left = self.pending.split_off(done);
             let visited = self.pending.iter().zip(&history);
-            outcome
-                .cameras
-                .extend(visited.filter_map(|(plan, settled)| Some((plan.index, settled.camera()?))));
+            outcome.cameras.extend(visited.filter_map(|(plan, result)| Some((plan.index, result.camera()?))));
             self.pending = left.clone();
             for plan in &left {
                 self.submit(model, plan, context)?;
@@ -319,7 +317,7 @@ impl TrainBackend for GpuBackend {
         self.resident.as_ref().map_or(model.gaussians.len(), |resident| resident.num_gaussians)
     }
 
-    fn settle(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
+    fn synchronise(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| self.read_history(model, context))
     }
@@ -337,7 +335,7 @@ impl TrainBackend for GpuBackend {
         })
     }
 
-    fn forget(&mut self) {
+    fn invalidate(&mut self) {
         self.resident = None;
         self.pending.clear();
     }

@@ -86,7 +86,7 @@ impl Moments<Planes> {
 
 shader_struct! {
     /// Result of a step.
-    pub(super) struct Settled {
+    pub(super) struct StepResult {
         /// Terms of the loss, weighted, in the order of [`LossTerms`]; then zeros.
         terms: [[f32; 4]; 2],
         /// Gradient of the camera's turn, then of its shift; then zeros.
@@ -100,14 +100,14 @@ shader_struct! {
     }
 }
 
-impl From<&Settled> for LossTerms<f32> {
-    fn from(s: &Settled) -> Self {
+impl From<&StepResult> for LossTerms<f32> {
+    fn from(s: &StepResult) -> Self {
         const { assert!(NUM_TERMS <= 8) };
         Self::of(std::array::from_fn(|k| s.terms.as_flattened()[k]))
     }
 }
 
-impl Settled {
+impl StepResult {
     /// Gradient with respect to a motion of the camera; `None` if the step was dropped.
     pub(super) fn camera(&self) -> Option<Twist<f32>> {
         let [[a, b, c, _], [x, y, z, _]] = self.camera;
@@ -132,7 +132,7 @@ pub(super) struct Resident {
     pub times_seen: DeviceVec<u32>,
     /// Status of the trainer, see [`status`].
     pub status: DeviceVec<u32>,
-    pub history: DeviceVec<Settled>,
+    pub history: DeviceVec<StepResult>,
     /// Bias corrections of the first and second moments, indexed by the number of the update.
     pub corrections: DeviceVec<[f32; 2]>,
     /// `true` if the model on the host is the same.
@@ -199,7 +199,7 @@ impl Resident {
             pull_sums: DeviceVec::from_slice(gpu, "statistics", &statistics.pull)?,
             times_seen: DeviceVec::from_slice(gpu, "statistics", &statistics.seen)?,
             status: DeviceVec::from_slice(gpu, "status", &first_status(model))?,
-            history: DeviceVec::from_slice(gpu, "history", &[Settled::default(); READ_EVERY])?,
+            history: DeviceVec::from_slice(gpu, "history", &[StepResult::default(); READ_EVERY])?,
             corrections: DeviceVec::from_slice(gpu, "bias corrections", &corrections)?,
             is_known: true,
         })

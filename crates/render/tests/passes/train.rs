@@ -18,7 +18,7 @@ use surgtpgs_core::{
         project::{Sampling, project_into},
     },
     train::{
-        Context, FrameState, Gradients, Look, LossWeights, Model, StepPlan, TrainBackend, TrainFrame,
+        Context, FrameState, Gradients, LossWeights, Model, StepPlan, StepView, TrainBackend, TrainFrame,
         TrainSettings, chain_backward, loss,
     },
 };
@@ -47,11 +47,11 @@ impl Step {
             ..TrainSettings::default()
         };
         let camera = moved_camera(WIDTH as u32, HEIGHT as u32);
-        let look = Look { camera, time: TIME, half: false, sampling, progress: 0.3 };
+        let view = StepView { camera, time: TIME, half: false, sampling, progress: 0.3 };
         let frame = Arc::new(frame(rng));
         let latents = numbers(rng, ROWS * recipe.latent_dim, 1.0);
         let model = Model::new((*scene.gaussians).clone(), (*scene.deformation).clone());
-        Self { model, settings, latents, plan: StepPlan { index: 0, frame, look, step: 120, updates: true } }
+        Self { model, settings, latents, plan: StepPlan { index: 0, frame, view, step: 120, updates: true } }
     }
 
     /// A step with bases of each Gaussian's own and the gate on scale, as in the released code.
@@ -142,7 +142,7 @@ fn every_pass_of_a_step_equals_its_twin() {
     let Some(gpu) = gpu() else { return };
     for step in all_steps() {
         let mut backend = GpuBackend::new(gpu.clone()).unwrap();
-        eprintln!("D = {}, {:?}", step.model.gaussians.latent_dim, step.plan.look.sampling);
+        eprintln!("D = {}, {:?}", step.model.gaussians.latent_dim, step.plan.view.sampling);
         let (trace, after) = step.run(&mut backend);
         let (psi, deformed) = picture(&step, &trace);
         check_loss(&step, &trace);
@@ -155,12 +155,12 @@ fn every_pass_of_a_step_equals_its_twin() {
 /// Computes everything up to the picture, of the sampled pixels only.
 fn picture(step: &Step, trace: &StepTrace) -> (Vec<f32>, Deformed) {
     let Model { gaussians, deformation, .. } = &step.model;
-    let look = &step.plan.look;
+    let view = &step.plan.view;
     let psi = deformation.psi(gaussians.len(), TIME);
     let mut deformed = Deformed::default();
     deform_by(gaussians, deformation, &psi, TIME, true, &mut deformed);
     let mut splats = Vec::new();
-    project_into(gaussians, &deformed, &look.camera, look.sampling, &mut splats);
+    project_into(gaussians, &deformed, &view.camera, view.sampling, &mut splats);
     // The place of a culled splat has no meaning.
     splats.iter_mut().filter(|s| !s.is_visible()).for_each(|s| *s = Default::default());
     compare::splats(&trace.splats, &splats).unwrap();
@@ -172,11 +172,11 @@ fn picture(step: &Step, trace: &StepTrace) -> (Vec<f32>, Deformed) {
 }
 
 fn check_loss(step: &Step, trace: &StepTrace) {
-    let sampling = step.plan.look.sampling;
+    let sampling = step.plan.view.sampling;
     let frame = step.plan.frame.sampled(sampling);
     let context = step.context();
     let truth = frame.truth(context.latents, context.typical_depth);
-    let weights = context.loss_weights(&step.plan.look);
+    let weights = context.loss_weights(&step.plan.view);
     let (terms, g) = loss(&trace.images.planes, &truth, &weights);
     for (found, expected) in trace.terms.values().into_iter().zip(terms.values()) {
         assert!((found - expected).abs() <= 2e-5 * expected.abs() + 1e-9, "{:?} {terms:?}", trace.terms);
@@ -188,7 +188,7 @@ fn check_loss(step: &Step, trace: &StepTrace) {
 }
 
 fn check_backward(step: &Step, trace: &StepTrace) {
-    let sampling = step.plan.look.sampling;
+    let sampling = step.plan.view.sampling;
     let packed = Packed::new(&trace.splats, &trace.features, step.model.gaussians.latent_dim);
     let bins = bin(&trace.splats, trace.images.width, trace.images.height);
     let (mut g_splats, g_features) =
@@ -214,7 +214,7 @@ fn check_chain(step: &Step, trace: &StepTrace, psi: &[f32], deformed: &Deformed)
         psi,
         deformed,
         splats: &trace.splats,
-        camera: &step.plan.look.camera,
+        camera: &step.plan.view.camera,
         time: TIME,
     };
     let mut expected = Gradients::default();
@@ -241,9 +241,9 @@ fn check_chain(step: &Step, trace: &StepTrace, psi: &[f32], deformed: &Deformed)
 
 fn check_update(step: &Step, trace: &StepTrace, after: &Model) {
     let mut expected = step.model.clone();
-    let (look, context) = (&step.plan.look, step.context());
-    expected.statistics.add(&trace.splats, &trace.g_splats, context.pull_scale(look));
-    let rates = (TIME, look.progress, context.world_per_px);
+    let (view, context) = (&step.plan.view, step.context());
+    expected.statistics.add(&trace.splats, &trace.g_splats, context.pull_scale(view));
+    let rates = (TIME, view.progress, context.world_per_px);
     let Model { gaussians, deformation, optimiser, .. } = &mut expected;
     optimiser.step(gaussians, deformation, &mut trace.gradients.clone(), &step.settings, rates);
     let moved = |before: &[f32], after: &[f32]| -> Vec<f32> {
@@ -322,22 +322,22 @@ fn the_gradients_of_a_whole_step_are_those_of_the_cpu() {
 /// Computes the gradients from the parameters, all of it on the CPU.
 fn cpu_gradients(step: &Step) -> Gradients {
     let Model { gaussians, deformation, .. } = &step.model;
-    let look = &step.plan.look;
+    let view = &step.plan.view;
     let psi = deformation.psi(gaussians.len(), TIME);
     let mut deformed = Deformed::default();
     deform_by(gaussians, deformation, &psi, TIME, true, &mut deformed);
     let mut splats = Vec::new();
-    project_into(gaussians, &deformed, &look.camera, look.sampling, &mut splats);
-    let frame = step.plan.frame.sampled(look.sampling);
+    project_into(gaussians, &deformed, &view.camera, view.sampling, &mut splats);
+    let frame = step.plan.frame.sampled(view.sampling);
     let (width, height) = frame.size();
     let bins = bin(&splats, width, height);
     let packed = Packed::new(&splats, &deformed.features, gaussians.latent_dim);
     let images = raster(&packed, &bins, width, height);
-    let weights = step.context().loss_weights(look);
+    let weights = step.context().loss_weights(view);
     let (_, g_planes) = loss(&images.planes, &frame.truth(&step.latents, 3.0), &weights);
     let (mut g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
-    g_splats.iter_mut().for_each(|g| look.sampling.apply_backward(g));
-    let (camera, time) = (&look.camera, TIME);
+    g_splats.iter_mut().for_each(|g| view.sampling.apply_backward(g));
+    let (camera, time) = (&view.camera, TIME);
     let state =
         FrameState { gaussians, deformation, psi: &psi, deformed: &deformed, splats: &splats, camera, time };
     let mut gradients = Gradients::default();

@@ -124,7 +124,7 @@ impl BackwardPass {
         let params = uniform(
             gpu,
             &GatherParams {
-                pull_scale: step.context.pull_scale(&step.plan.look),
+                pull_scale: step.context.pull_scale(&step.plan.view),
                 depth_moves_centres: u32::from(settings.depth_moves_centres),
                 padding: 0,
             },

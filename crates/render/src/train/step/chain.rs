@@ -175,7 +175,7 @@ impl ChainPass {
     }
 
     fn encode_features(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, g_features: &DeviceVec<f32>) {
-        let (gpu, resident, time) = (step.gpu, step.resident, step.plan.look.time);
+        let (gpu, resident, time) = (step.gpu, step.resident, step.plan.view.time);
         let all = 0..step.num_gaussians();
         let params = uniform(gpu, &DeformParams::new(step.deformation, time, &all, &step.deform.live));
         let bindings = [

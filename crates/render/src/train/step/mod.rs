@@ -21,7 +21,7 @@ pub(super) const SHADERS: &[Shader] = &[
     chain::ChainWgsl::SHADER,
     chain::FeaturesWgsl::SHADER,
     chain::NetworkWgsl::SHADER,
-    update::SettleWgsl::SHADER,
+    update::FinishStepWgsl::SHADER,
     update::UpdateWgsl::SHADER,
 ];
 

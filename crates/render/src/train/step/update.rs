@@ -1,4 +1,5 @@
-//! Judgement of the step, and the update of all parameters (`shaders/settle.wgsl`, `shaders/update.wgsl`).
+//! Judgement of the step, and the update of all parameters (`shaders/finish_step.wgsl`,
+//! `shaders/update.wgsl`).
 
 use super::{
     backward::BackwardPass,
@@ -14,7 +15,7 @@ use crate::{
     shader::{GROUP, shader, shader_struct},
     train::{
         current::CurrentStep,
-        resident::{Moments, Settled, to_device},
+        resident::{Moments, StepResult, to_device},
         status,
     },
 };
@@ -24,7 +25,7 @@ use surgtpgs_core::{
 };
 
 shader! {
-    pub(super) SettleWgsl = "settle.wgsl";
+    pub(super) FinishStepWgsl = "finish_step.wgsl";
     const STATUS_BAD = status::BAD;
     const STATUS_OK = status::OK;
     const STATUS_OVERFLOWN = status::OVERFLOWN;
@@ -37,7 +38,7 @@ shader! {
     const COUNT_BASES = status::COUNT_BASES;
     const TERM_QUADS = TERM_QUADS as u32;
     const REGION_TERM = train::NUM_TERMS as u32 - 1;
-    var<uniform> params: SettleParams;
+    var<uniform> params: FinishStepParams;
     /// [workgroups][TERM_QUADS]
     var<read> partial_sums: [[f32; 4]];
     /// [regions][QUADS][2]
@@ -46,12 +47,12 @@ shader! {
     var<read> g_cameras: [[f32; 4]];
     var<read> num_pairs_wanted: [u32];
     var<write> status: [u32];
-    var<write> history: [Settled];
+    var<write> history: [StepResult];
 }
 
 shader_struct! {
     /// Settings for the judgement of a step.
-    struct SettleParams {
+    struct FinishStepParams {
         /// Number of workgroups of the loss.
         num_sums: u32,
         /// Number of large regions.
@@ -142,7 +143,7 @@ shader_struct! {
 #[derive(Debug)]
 pub(super) struct UpdatePass {
     latent_dim: usize,
-    settle: Kernel,
+    finish_step: Kernel,
     adam: Kernel,
     adam_basis: Kernel,
     own_basis_gradients: Kernel,
@@ -159,7 +160,7 @@ impl UpdatePass {
         let update = |entry| Kernel::new(gpu, &UpdateWgsl::SHADER, entry, latent_dim);
         Ok(Self {
             latent_dim,
-            settle: Kernel::new(gpu, &SettleWgsl::SHADER, "settle", latent_dim)?,
+            finish_step: Kernel::new(gpu, &FinishStepWgsl::SHADER, "finish_step", latent_dim)?,
             adam: update("adam")?,
             adam_basis: update("adam_basis")?,
             own_basis_gradients: update("own_basis_gradients")?,
@@ -193,7 +194,7 @@ impl UpdatePass {
         backward: &BackwardPass,
         chain: &ChainPass,
     ) {
-        self.encode_settle(step, pass, loss, chain);
+        self.encode_finish_step(step, pass, loss, chain);
         let (gpu, resident, n) = (step.gpu, step.resident, step.view.num_gaussians);
         let params = uniform(gpu, &UpdateParams { len: n, ..Default::default() });
         let bindings = [
@@ -210,13 +211,19 @@ impl UpdatePass {
         }
     }
 
-    fn encode_settle(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, loss: &LossPass, chain: &ChainPass) {
+    fn encode_finish_step(
+        &self,
+        step: &CurrentStep<'_>,
+        pass: &mut Pass<'_>,
+        loss: &LossPass,
+        chain: &ChainPass,
+    ) {
         let (gpu, resident, live) = (step.gpu, step.resident, &step.deform.live);
         let (weights, supervised) = (step.weights(), step.frame.supervised);
         let scales = TermScales::<f32>::new(&weights, supervised, step.num_pixels(), self.latent_dim);
         let params = uniform(
             gpu,
-            &SettleParams {
+            &FinishStepParams {
                 num_sums: loss.num_groups(),
                 num_regions: step.num_regions() as u32,
                 smoothness: scales.smoothness,
@@ -230,15 +237,15 @@ impl UpdatePass {
             },
         );
         let bindings = [
-            SettleWgsl::params(&params),
-            SettleWgsl::partial_sums(&loss.sums),
-            SettleWgsl::spreads(&loss.spreads),
-            SettleWgsl::g_cameras(&chain.g_cameras),
-            SettleWgsl::num_pairs_wanted(step.bin.num_pairs_wanted()),
-            SettleWgsl::status(&resident.status),
-            SettleWgsl::history(&resident.history),
+            FinishStepWgsl::params(&params),
+            FinishStepWgsl::partial_sums(&loss.sums),
+            FinishStepWgsl::spreads(&loss.spreads),
+            FinishStepWgsl::g_cameras(&chain.g_cameras),
+            FinishStepWgsl::num_pairs_wanted(step.bin.num_pairs_wanted()),
+            FinishStepWgsl::status(&resident.status),
+            FinishStepWgsl::history(&resident.history),
         ];
-        self.settle.dispatch(gpu, pass, &bindings, 1);
+        self.finish_step.dispatch(gpu, pass, &bindings, 1);
     }
 
     /// Adds the update of the parameters at rest and of the network.
@@ -308,7 +315,7 @@ impl UpdatePass {
     /// Adds the update of the basis functions: the weights of the live ones, or everything if each
     /// Gaussian has its own.
     fn encode_bases(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, chain: &ChainPass) {
-        let (scene, deformation, time) = (&step.resident.scene, step.deformation, step.plan.look.time);
+        let (scene, deformation, time) = (&step.resident.scene, step.deformation, step.plan.view.time);
         let decay = rates(step, self.latent_dim).decay;
         let values = deformation.is_shared().then(|| deformation.basis_values(time).0);
         for (part, rows) in scene.parts.iter().enumerate() {
@@ -407,5 +414,5 @@ fn num_bytes(group: &UpdateParams) -> u64 {
 
 fn rates(step: &CurrentStep<'_>, latent_dim: usize) -> Rates {
     let (context, stride) = (step.context, step.deformation.stride);
-    Rates::new(context.settings, stride, latent_dim, step.plan.look.progress, context.world_per_px)
+    Rates::new(context.settings, stride, latent_dim, step.plan.view.progress, context.world_per_px)
 }

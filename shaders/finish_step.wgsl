@@ -26,7 +26,7 @@ fn decide(terms: array<vec4f, 2>, camera: array<vec4f, 2>) {
     let total = dot(terms[0] + terms[1], vec4f(1.0));
     let is_dropped = is_bad || !is_finite(total);
     let at = status[STATUS_DONE];
-    history[at] = Settled(terms, camera, select(0u, 1u, is_dropped), 0u, vec2u(0u));
+    history[at] = StepResult(terms, camera, select(0u, 1u, is_dropped), 0u, vec2u(0u));
     status[STATUS_DONE] = at + 1u;
     if is_dropped {
         return;
@@ -44,7 +44,7 @@ fn decide(terms: array<vec4f, 2>, camera: array<vec4f, 2>) {
 }
 
 @compute @workgroup_size(GROUP)
-fn settle(@builtin(local_invocation_index) lane: u32) {
+fn finish_step(@builtin(local_invocation_index) lane: u32) {
     var terms = array<vec4f, 2>();
     for (var q = 0u; q < TERM_QUADS; q++) {
         var sum = vec4f(0.0);
