@@ -41,9 +41,7 @@ pub fn fit_camera(scene: &Scene, sequence: &Sequence, i: usize) -> Result<Camera
     let start = scene.cameras[i];
     let frame = TrainFrame::load(sequence, None, i)?;
     let now = deform(&scene.gaussians, &scene.deformation, scene.time(i), false);
-    let depth = |mean: &[f32; 3]| start.camera_from_world.transform_point3(Vec3::from(*mean)).z;
-    let mut depths: Vec<f32> = now.means.iter().map(depth).filter(|z| *z > 0.0).collect();
-    let typical_depth = percentile(&mut depths, 50.0).unwrap_or(1.0);
+    let typical_depth = median_depth(&now.means, &start);
     let weights = LossWeights { absolute: 0.0, total_variation: 0.0, ..LossWeights::default() };
     let mut motion = [0.0; 6];
     let mut moments = Adam::new(motion.len());
@@ -81,4 +79,11 @@ pub fn fit_camera(scene: &Scene, sequence: &Sequence, i: usize) -> Result<Camera
         psnr_db(&render_deformed(&scene.gaussians, &now, camera).to_rgb(), &picture, Some(&mask))
     });
     Ok(if after > before { fitted } else { start })
+}
+
+/// Returns the median depth of the points in front of a camera, scene units; 1 if there are none.
+pub(super) fn median_depth(means: &[[f32; 3]], camera: &Camera) -> f32 {
+    let depth = |mean: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*mean)).z;
+    let mut depths: Vec<f32> = means.iter().map(depth).filter(|z| *z > 0.0).collect();
+    percentile(&mut depths, 50.0).unwrap_or(1.0)
 }

@@ -2,20 +2,18 @@
 
 use super::{
     Context, CpuBackend, LossWeights, Model, StepPlan, StepView, TrainBackend, TrainFrame, TrainSettings,
-    frames::planar,
+    fit_camera::median_depth, frames::planar,
 };
 use crate::{
     Result,
     clock::PassClock,
     deform::deform,
     metrics::psnr_db,
-    num::percentile,
     prepare::NO_REGION,
     progress::{Observer, Progress},
     raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA, project::Sampling, render_deformed},
     scene::Scene,
 };
-use glam::Vec3;
 use rand::{Rng, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -58,8 +56,9 @@ fn fitted(scene: &Scene, like: &Scene, steps: usize, observer: &mut Observer<'_>
     let mut model = Model::new((*scene.gaussians).clone(), (*scene.deformation).clone());
     let (mut backend, mut clock) = (CpuBackend::default(), PassClock::default());
     let mut examples = Examples::new(like, scene.gaussians.latent_dim);
-    let (latents, typical_depth) = (examples.palette.latents(), typical_depth(like));
-    let world_per_px = typical_depth / like.cameras[0].fx;
+    let (latents, camera) = (examples.palette.latents(), &like.cameras[0]);
+    let typical_depth = median_depth(&like.gaussians.means, camera);
+    let world_per_px = typical_depth / camera.fx;
     let context = Context { settings: &settings, latents: &latents, typical_depth, world_per_px };
     for step in 0..steps {
         let plan = examples.next(step, &settings);
@@ -105,13 +104,6 @@ fn settings(steps: usize, has_shared_bases: bool) -> TrainSettings {
         (settings.rates.motion, settings.rates.motion_relative) = (0.0, 0.0);
     }
     settings
-}
-
-/// Returns the middle depth of the Gaussians, as the first camera sees them.
-fn typical_depth(scene: &Scene) -> f32 {
-    let depth = |m: &[f32; 3]| scene.cameras[0].camera_from_world.transform_point3(Vec3::from(*m)).z;
-    let mut depths: Vec<f32> = scene.gaussians.means.iter().map(depth).filter(|z| *z > 0.0).collect();
-    percentile(&mut depths, 50.0).unwrap_or(1.0)
 }
 
 /// Frames to learn from, rendered from a scene.
