@@ -47,7 +47,7 @@ pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {
 
 /// The median; the mean of the two middle values of an even number. `None` if empty. NaN must be filtered out
 /// before the call.
-pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+pub fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let middle = values.len() / 2;
     let upper = *values.get(middle)?;
@@ -72,6 +72,13 @@ mod tests {
         assert_eq!(percentile(&mut [4.0, 1.0, 2.0, 3.0], 50.0), Some(2.5));
         assert_eq!(percentile(&mut [1.0, 2.0, 3.0, 4.0, 5.0], 3.0), Some(1.12));
         assert_eq!(percentile(&mut [], 50.0), None);
+    }
+
+    #[test]
+    fn the_median_of_an_even_number_is_between_the_middle_two() {
+        assert_eq!(median(&mut [5.0, 1.0, 3.0]), Some(3.0));
+        assert_eq!(median(&mut [4.0, 1.0, 2.0, 9.0]), Some(3.0));
+        assert_eq!(median(&mut []), None);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::{sync::Arc, time::Instant};
 use surgtpgs_core::{
     Result,
     clock::PassName,
+    num::median,
     raster::{FramePass, Images},
 };
 
@@ -55,20 +56,5 @@ impl Times {
         let raster = median(&mut self.raster).unwrap_or(0.0);
         let frame = deform.unwrap_or(0.0) + raster + relevancy.unwrap_or(0.0);
         Milliseconds { deform, raster, relevancy, frame }
-    }
-}
-
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_middle_of_nothing_is_unknown() {
-        assert_eq!((median(&mut []), median(&mut [5.0, 1.0, 3.0])), (None, Some(3.0)));
     }
 }

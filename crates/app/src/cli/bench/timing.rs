@@ -1,7 +1,7 @@
 //! Times of the passes of a shown frame.
 
 use std::time::Instant;
-use surgtpgs_core::Result;
+use surgtpgs_core::{Result, num::median};
 
 /// Number of rounds over the frames; the first one warms up.
 pub(super) const ROUNDS: usize = 3;
@@ -51,8 +51,8 @@ impl Timing {
         Self {
             pass,
             way: way.into(),
-            median_ms: at(0.5).unwrap_or(0.0),
             p95_ms: at(0.95).unwrap_or(0.0),
+            median_ms: median(&mut ms).unwrap_or(0.0),
             max_error: None,
             mean_error: None,
             iou_40: None,

@@ -9,7 +9,7 @@ use crate::{
 };
 use image::RgbImage;
 use std::sync::Arc;
-use surgtpgs_core::{Error, Result, camera::Camera, scene::Scene};
+use surgtpgs_core::{Error, Result, camera::Camera, num::median, scene::Scene};
 use surgtpgs_render::Wanted;
 
 /// Numbers of prompts that are marked at once.
@@ -119,8 +119,8 @@ fn way_row(
     let frames = show.views.len().max(1) as f64;
     Ok(WayRow {
         way,
-        gpu_ms: median(on_gpu),
-        cpu_ms: median(show.time(cpu, wanted)?),
+        gpu_ms: median_ms(on_gpu),
+        cpu_ms: median_ms(show.time(cpu, wanted)?),
         uploaded: crossed.uploaded as f64 / frames,
         read_back: crossed.read_back as f64 / frames,
     })
@@ -132,8 +132,8 @@ fn window_rows(gpu: Engine, cpu: Engine, words: &[String], frames: &[usize]) -> 
     let on_cpu = time_pictures(cpu, words, frames)?;
     let row = |way, gpu: Vec<f64>, cpu: Vec<f64>, [uploaded, read_back]: [f64; 2]| WayRow {
         way,
-        gpu_ms: median(gpu),
-        cpu_ms: median(cpu),
+        gpu_ms: median_ms(gpu),
+        cpu_ms: median_ms(cpu),
         uploaded,
         read_back,
     };
@@ -145,9 +145,9 @@ fn window_rows(gpu: Engine, cpu: Engine, words: &[String], frames: &[usize]) -> 
     ])
 }
 
-fn median(mut ms: Vec<f64>) -> f64 {
-    ms.sort_by(f64::total_cmp);
-    ms.get(ms.len() / 2).copied().unwrap_or(0.0)
+/// Returns the median; 0 of nothing.
+fn median_ms(mut ms: Vec<f64>) -> f64 {
+    median(&mut ms).unwrap_or(0.0)
 }
 
 /// Compares the marked pictures of both: the share of channels beyond a level, and the mean difference.
