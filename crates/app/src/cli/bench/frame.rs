@@ -341,7 +341,7 @@ fn crowded_rows(ask: &Asked<'_>, codec: &Codec) -> Vec<Timing> {
     rows
 }
 
-/// The same query under another name, so that no table of before is used.
+/// Renames the query so that no cached table is used.
 fn renamed(query: Query) -> Query {
     Query { prompt: format!("new {}", query.prompt), ..query }
 }
