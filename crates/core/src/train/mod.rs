@@ -16,6 +16,7 @@ mod model;
 mod optimiser;
 mod pass;
 mod poses;
+mod quality;
 mod random;
 mod refit;
 mod settings;
@@ -36,9 +37,10 @@ pub use loss::{
 pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
+pub use quality::Quality;
 pub use refit::{REFIT_FRAME_BYTES, REFIT_STEPS, refit};
 pub use settings::{
-    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, Quality, TrainSettings,
+    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
 };
 
 use crate::{
