@@ -33,7 +33,19 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         }),
         row("tracking alone", "no region smoothness", &|s| s.loss.region_smoothness = 0.0),
         row("smoothing alone", "features still over time", &|s| s.feature_motion = false),
-        // Rows about shortcuts for speed.
+    ];
+    rows.extend(shortcuts(&row, &paper));
+    rows.extend(departures(&row, &paper));
+    rows.push(Row { name: "paper", what: "all that the released code does", settings: paper });
+    rows
+}
+
+/// Makes the row of a name and a difference from the default profile by changing its settings.
+type MakeRow<'a> = &'a dyn Fn(&'static str, &'static str, &dyn Fn(&mut TrainSettings)) -> Row;
+
+/// Returns the rows about shortcuts for speed.
+fn shortcuts(row: MakeRow<'_>, paper: &TrainSettings) -> Vec<Row> {
+    vec![
         row("all pixels", "every pixel at every step", &|s| {
             s.pixel_step = 1;
             s.half_size_pixel_step = 1;
@@ -69,7 +81,12 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.feature_mode = FeatureMode::LiftedFirst;
         }),
         row("no densification", "the initial Gaussians only", &|s| s.densify.growth = 0.0),
-        // Departures from the released code.
+    ]
+}
+
+/// Returns the rows about departures from the released code.
+fn departures(row: MakeRow<'_>, paper: &TrainSettings) -> Vec<Row> {
+    vec![
         row("own bases", "every Gaussian learns its own quartic bases", &|s| {
             s.own_bases = true;
             s.num_bases = paper.num_bases;
@@ -119,9 +136,7 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.sh_when_still = true;
             s.sh_every = paper.sh_every;
         }),
-    ];
-    rows.push(Row { name: "paper", what: "all that the released code does", settings: paper });
-    rows
+    ]
 }
 
 #[cfg(test)]
