@@ -13,8 +13,11 @@ pub(crate) struct EvalReport {
     /// Frames that show again what a frame shows that training saw, as a changed frame rate leaves them; none of
     /// foreign masks.
     pub(crate) repeated_frames: usize,
-    /// PSNR inside the masks without these; `None` if there are none, or no others.
+    /// PSNR inside the masks without these, of the scene and of both baselines; `None` if there are none, or no
+    /// others.
     pub(crate) psnr_masked_new_db: Option<f64>,
+    pub(crate) blend_psnr_new_db: Option<f64>,
+    pub(crate) flow_psnr_new_db: Option<f64>,
     /// PSNR inside the masks with cameras that were fitted to the very frames; `None` if not asked for. Not to be
     /// compared with figures of frames that nothing was read of.
     pub(crate) fitted_camera_psnr_db: Option<f64>,
@@ -112,6 +115,10 @@ impl EvalReport {
     /// Takes the means over frames and classes.
     pub(super) fn of(rows: &[FrameRow], held_out: bool, classes: &Classes) -> Self {
         let mean_of = |value: fn(&FrameRow) -> Option<f64>| mean(rows.iter().filter_map(value));
+        let repeats = rows.iter().any(|r| r.repeats);
+        let mean_of_new = |value: fn(&FrameRow) -> Option<f64>| {
+            mean(rows.iter().filter(|r| repeats && !r.repeats).filter_map(value))
+        };
         let depth_rmse = mean_of(|r| r.depth_rmse);
         let depth = depth_rmse.map(|rmse| DepthErrors {
             rmse,
@@ -124,8 +131,9 @@ impl EvalReport {
             psnr_db: mean_of(|r| r.psnr_db),
             psnr_masked_db: mean_of(|r| r.psnr_masked_db),
             repeated_frames: rows.iter().filter(|r| r.repeats).count(),
-            psnr_masked_new_db: mean_of(|r| r.psnr_masked_db.filter(|_| !r.repeats))
-                .filter(|_| rows.iter().any(|r| r.repeats)),
+            psnr_masked_new_db: mean_of_new(|r| r.psnr_masked_db),
+            blend_psnr_new_db: mean_of_new(|r| r.blend_psnr_db),
+            flow_psnr_new_db: mean_of_new(|r| r.flow_psnr_db),
             fitted_camera_psnr_db: mean_of(|r| r.fitted_camera_psnr_db),
             psnr_per_channel_db: mean_of(|r| r.psnr_per_channel_db),
             blend_psnr_db: mean_of(|r| r.blend_psnr_db),
@@ -200,9 +208,11 @@ pub(crate) fn as_text(report: &EvalReport) -> String {
     };
     if report.repeated_frames > 0 {
         text += &format!(
-            "repeats     {} of these frames repeat one that was learned; PSNR without them {}\n",
+            "repeats     {} of these frames repeat one that was learned; PSNR without them {} (blend {}, flow {})\n",
             report.repeated_frames,
-            value(report.psnr_masked_new_db, " dB")
+            value(report.psnr_masked_new_db, " dB"),
+            value(report.blend_psnr_new_db, " dB"),
+            value(report.flow_psnr_new_db, " dB")
         );
     }
     if report.fitted_camera_psnr_db.is_some() {
