@@ -7,22 +7,22 @@ use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
-/// Residual at which a solution is good, relative to the right side: a larger one leaves errors of a half far
+/// Residual at which the solver stops, relative to the right side. A larger one leaves errors of a half far
 /// from all seeds.
 const TOLERANCE: f64 = 1e-5;
-/// Squared residual that is as good as none.
-const NO_SIZE: f64 = 1e-20;
+/// Squared norm of a residual that counts as zero.
+const TINY_NORM2: f64 = 1e-20;
 /// Largest number of steps.
-const MOST_STEPS: usize = 1000;
-/// Things that one thread takes at once.
-const AT_ONCE: usize = 1024;
+const MAX_STEPS: usize = 1000;
+/// Number of nodes that one thread takes at once.
+const NODES_AT_ONCE: usize = 1024;
 
-/// Values of eight systems at a thing.
+/// Values of eight systems at a node.
 pub(super) type Lanes = [f32; LANES];
 
-/// Eight systems at a thing.
+/// Equations of eight systems at a node.
 pub(super) struct Equation {
-    /// Diagonal of the matrix; the weights of the links are subtracted beside it.
+    /// Diagonal of the matrix. Its other elements are the negative weights of the links.
     pub(super) diagonal: Lanes,
     /// Right side.
     pub(super) right: Lanes,
@@ -30,97 +30,116 @@ pub(super) struct Equation {
     pub(super) x: Lanes,
 }
 
-/// The solver at a thing.
+/// State of the solver at a node.
 struct State {
     diagonal: Lanes,
     x: Lanes,
-    rest: Lanes,
-    product: Lanes,
+    residual: Lanes,
+    /// Matrix · direction.
+    a_direction: Lanes,
 }
 
-/// Solves the systems of all things.
+/// Solves eight systems, each with one equation per node.
 pub(super) fn solve(links: &Links, equations: Vec<Equation>) -> Vec<Lanes> {
     let level = Level::new();
-    let state = |e: Equation| State { diagonal: e.diagonal, x: e.x, rest: e.right, product: [0.0; LANES] };
+    let state =
+        |e: Equation| State { diagonal: e.diagonal, x: e.x, residual: e.right, a_direction: [0.0; LANES] };
     let mut states: Vec<State> = equations.into_iter().map(state).collect();
-    let still = [0.0; LANES];
-    let mut way: Vec<Lanes> = states.iter().map(|s| s.x).collect();
-    let goal = go(level, &mut states, still).map(|size| TOLERANCE * TOLERANCE * size + NO_SIZE);
-    multiply(level, links, &mut states, &way);
-    let mut size = go(level, &mut states, [1.0; LANES]);
-    turn(level, &mut way, &mut states, still, still);
-    for _ in 0..MOST_STEPS {
-        if size.iter().zip(&goal).all(|(size, goal)| size <= goal) {
+    let zero = [0.0; LANES];
+    let mut direction: Vec<Lanes> = states.iter().map(|s| s.x).collect();
+    let target_norm2 =
+        update_residual(level, &mut states, zero).map(|norm2| TOLERANCE * TOLERANCE * norm2 + TINY_NORM2);
+    multiply(level, links, &mut states, &direction);
+    let mut residual_norm2 = update_residual(level, &mut states, [1.0; LANES]);
+    update_direction(level, &mut direction, &mut states, zero, zero);
+    for _ in 0..MAX_STEPS {
+        if residual_norm2.iter().zip(&target_norm2).all(|(norm2, target)| norm2 <= target) {
             break;
         }
-        let along = multiply(level, links, &mut states, &way);
-        let step: Lanes =
-            std::array::from_fn(|k| if size[k] > goal[k] { (size[k] / along[k]) as f32 } else { 0.0 });
-        let next = go(level, &mut states, step);
-        let turned = std::array::from_fn(|k| (next[k] / size[k].max(NO_SIZE)) as f32);
-        turn(level, &mut way, &mut states, step, turned);
-        size = next;
+        let curvature = multiply(level, links, &mut states, &direction);
+        let alpha: Lanes = std::array::from_fn(|k| {
+            let is_open = residual_norm2[k] > target_norm2[k];
+            if is_open { (residual_norm2[k] / curvature[k]) as f32 } else { 0.0 }
+        });
+        let next_norm2 = update_residual(level, &mut states, alpha);
+        let beta = std::array::from_fn(|k| (next_norm2[k] / residual_norm2[k].max(TINY_NORM2)) as f32);
+        update_direction(level, &mut direction, &mut states, alpha, beta);
+        residual_norm2 = next_norm2;
     }
     states.iter().map(|state| state.x).collect()
 }
 
-/// Sets `product` to matrix · way, and returns way · matrix · way.
-fn multiply(level: Level, links: &Links, states: &mut [State], way: &[Lanes]) -> [f64; LANES] {
+/// Sets `a_direction` to matrix · direction, and returns the curvature: direction · matrix · direction.
+fn multiply(level: Level, links: &Links, states: &mut [State], direction: &[Lanes]) -> [f64; LANES] {
     let part = |(k, states): (usize, &mut [State])| {
-        let first = k * AT_ONCE;
-        dispatch!(level, simd => multiply_some(simd, links, states, way, first))
+        let first = k * NODES_AT_ONCE;
+        dispatch!(level, simd => multiply_some(simd, links, states, direction, first))
     };
-    total(states.par_chunks_mut(AT_ONCE).enumerate().map(part).collect())
+    total(states.par_chunks_mut(NODES_AT_ONCE).enumerate().map(part).collect())
 }
 
 #[simd]
-fn multiply_some<S: Simd>(_: S, links: &Links, states: &mut [State], way: &[Lanes], first: usize) -> Lanes {
-    let mut along = [0.0; LANES];
+fn multiply_some<S: Simd>(
+    _: S,
+    links: &Links,
+    states: &mut [State],
+    direction: &[Lanes],
+    first: usize,
+) -> Lanes {
+    let mut curvature = [0.0; LANES];
     for (i, state) in (first..).zip(states) {
-        let own = &way[i];
-        let mut product: Lanes = std::array::from_fn(|k| state.diagonal[k] * own[k]);
+        let own = &direction[i];
+        let mut a_direction: Lanes = std::array::from_fn(|k| state.diagonal[k] * own[k]);
         for (j, weight) in links.around(i) {
-            let other = &way[j];
-            (0..LANES).for_each(|k| product[k] -= weight * other[k]);
+            let other = &direction[j];
+            (0..LANES).for_each(|k| a_direction[k] -= weight * other[k]);
         }
-        (0..LANES).for_each(|k| along[k] += own[k] * product[k]);
-        state.product = product;
+        (0..LANES).for_each(|k| curvature[k] += own[k] * a_direction[k]);
+        state.a_direction = a_direction;
     }
-    along
+    curvature
 }
 
-/// Takes a step's part from the residuals, and returns Σ rest² / diagonal.
-fn go(level: Level, states: &mut [State], step: Lanes) -> [f64; LANES] {
-    let part = |states: &mut [State]| dispatch!(level, simd => go_some(simd, states, step));
-    total(states.par_chunks_mut(AT_ONCE).map(part).collect())
+/// Subtracts alpha · matrix · direction from the residuals, and returns their squared norms: Σ residual² /
+/// diagonal.
+fn update_residual(level: Level, states: &mut [State], alpha: Lanes) -> [f64; LANES] {
+    let part = |states: &mut [State]| dispatch!(level, simd => update_residual_some(simd, states, alpha));
+    total(states.par_chunks_mut(NODES_AT_ONCE).map(part).collect())
 }
 
 #[simd]
-fn go_some<S: Simd>(_: S, states: &mut [State], step: Lanes) -> Lanes {
-    let mut size = [0.0; LANES];
-    for State { diagonal, rest, product, .. } in states {
+fn update_residual_some<S: Simd>(_: S, states: &mut [State], alpha: Lanes) -> Lanes {
+    let mut norm2 = [0.0; LANES];
+    for State { diagonal, residual, a_direction, .. } in states {
         for k in 0..LANES {
-            rest[k] -= step[k] * product[k];
-            size[k] += rest[k] * rest[k] / diagonal[k];
+            residual[k] -= alpha[k] * a_direction[k];
+            norm2[k] += residual[k] * residual[k] / diagonal[k];
         }
     }
-    size
+    norm2
 }
 
-/// Goes the step, and turns the way to the preconditioned residual.
-fn turn(level: Level, way: &mut [Lanes], states: &mut [State], step: Lanes, turned: Lanes) {
-    let parts = way.par_chunks_mut(AT_ONCE).zip(states.par_chunks_mut(AT_ONCE));
-    parts.for_each(|(way, states)| {
-        dispatch!(level, simd => turn_some(simd, way, states, step, turned));
+/// Moves the solution by alpha · direction, and sets the direction to the preconditioned residual plus beta ·
+/// itself.
+fn update_direction(level: Level, direction: &mut [Lanes], states: &mut [State], alpha: Lanes, beta: Lanes) {
+    let parts = direction.par_chunks_mut(NODES_AT_ONCE).zip(states.par_chunks_mut(NODES_AT_ONCE));
+    parts.for_each(|(direction, states)| {
+        dispatch!(level, simd => update_direction_some(simd, direction, states, alpha, beta));
     });
 }
 
 #[simd]
-fn turn_some<S: Simd>(_: S, way: &mut [Lanes], states: &mut [State], step: Lanes, turned: Lanes) {
-    for (way, State { diagonal, x, rest, .. }) in way.iter_mut().zip(states) {
+fn update_direction_some<S: Simd>(
+    _: S,
+    direction: &mut [Lanes],
+    states: &mut [State],
+    alpha: Lanes,
+    beta: Lanes,
+) {
+    for (direction, State { diagonal, x, residual, .. }) in direction.iter_mut().zip(states) {
         for k in 0..LANES {
-            x[k] += step[k] * way[k];
-            way[k] = rest[k] / diagonal[k] + turned[k] * way[k];
+            x[k] += alpha[k] * direction[k];
+            direction[k] = residual[k] / diagonal[k] + beta[k] * direction[k];
         }
     }
 }
@@ -138,7 +157,7 @@ mod tests {
     fn values_between_two_seeds_lie_on_a_line() {
         const N: usize = 300;
         let links = Links::new(N, (1..N as u32).map(|i| (i - 1, i, 1.0)));
-        // The first system is 1 at the first thing and 0 at the last one, the second one the other way round.
+        // The first system is 1 at the first node and 0 at the last one, the second one the other way round.
         let equation = |i: usize| {
             let seed = if i == 0 || i == N - 1 { 1e3 } else { 0.0 };
             let mut right = [0.0; LANES];
@@ -147,11 +166,8 @@ mod tests {
         };
         let solved = solve(&links, (0..N).map(equation).collect());
         for (i, values) in solved.iter().enumerate() {
-            let along = i as f32 / (N - 1) as f32;
-            assert!(
-                (values[0] - (1.0 - along)).abs() < 0.01 && (values[1] - along).abs() < 0.01,
-                "{values:?}"
-            );
+            let part = i as f32 / (N - 1) as f32;
+            assert!((values[0] - (1.0 - part)).abs() < 0.01 && (values[1] - part).abs() < 0.01, "{values:?}");
             assert_eq!(values[2..], [0.0; LANES - 2]);
         }
         let start = |i: usize| Equation { x: solved[i], ..equation(i) };

@@ -1,20 +1,20 @@
-//! Weighted links between like things.
+//! Weighted links between similar nodes: the edges of a graph.
 
 use rayon::prelude::*;
 
-/// Links of things with others, both ways, with weights of 0 to 1.
+/// Links between nodes, in both directions, with weights of 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Links {
-    /// First link of each thing; one more at the end.
+    /// First link of each node; one more at the end.
     first: Vec<u32>,
     to: Vec<u32>,
     weights: Vec<f32>,
-    /// Sum of the weights of each thing.
+    /// Sum of the weights of each node.
     pub(super) degrees: Vec<f32>,
 }
 
 impl Links {
-    /// Links `n` things; a link that is given several times counts once.
+    /// Links `n` nodes; a link that is given several times counts once.
     pub(super) fn new(n: usize, links: impl Iterator<Item = (u32, u32, f32)>) -> Self {
         let mut all: Vec<(u32, u32, f32)> = links.flat_map(|(i, j, w)| [(i, j, w), (j, i, w)]).collect();
         all.par_sort_unstable_by_key(|(i, j, _)| (*i, *j));
@@ -34,7 +34,7 @@ impl Links {
         self.degrees.len()
     }
 
-    /// Returns the links of thing `i`: the other thing, and the weight.
+    /// Returns the links of node `i`: the other node, and the weight.
     #[inline]
     pub(super) fn around(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
         let links = self.first[i] as usize..self.first[i + 1] as usize;

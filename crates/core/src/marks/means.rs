@@ -5,7 +5,7 @@ use rayon::prelude::*;
 /// Rows that one thread takes at once.
 const ROWS_AT_ONCE: usize = 16;
 
-/// Returns means over squares of 2 `reach` + 1 pixels, cut at the border.
+/// Returns means over windows of 2 `reach` + 1 pixels each way, cut at the border.
 pub(super) fn window_means(values: &[f32], [width, height]: [usize; 2], reach: usize) -> Vec<f32> {
     let window = |at: usize, size: usize| at.saturating_sub(reach)..(at + reach + 1).min(size);
     let mut rows = vec![0.0; values.len()];
