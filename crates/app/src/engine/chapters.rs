@@ -1,13 +1,13 @@
 //! The chapters of a long scene, of which an engine holds one at a time.
 
-use super::{Engine, Pending, marked::Marked};
+use super::{Engine, Pending, marked::CarriedMarks};
 use std::sync::Arc;
 use surgtpgs_core::{Result, marks::Graph, scene::Scene};
 
 /// A chapter that was turned from, with its marks.
 pub(super) struct TurnedFrom {
     scene: Arc<Scene>,
-    marked: Option<Marked>,
+    carried_marks: Option<CarriedMarks>,
     graph: Option<Arc<Graph>>,
 }
 
@@ -25,12 +25,12 @@ impl Engine {
         }
         let next = match self.turned_from.take_if(|other| other.scene.is_at(time)) {
             Some(known) => known,
-            None => TurnedFrom { scene: Arc::new(self.scene.at(time)?), marked: None, graph: None },
+            None => TurnedFrom { scene: Arc::new(self.scene.at(time)?), carried_marks: None, graph: None },
         };
         // Marks belong to the Gaussians that they were carried to.
         self.turned_from = Some(TurnedFrom {
             scene: std::mem::replace(&mut self.scene, next.scene),
-            marked: std::mem::replace(&mut self.marked, next.marked),
+            carried_marks: std::mem::replace(&mut self.carried_marks, next.carried_marks),
             graph: std::mem::replace(&mut self.graph, next.graph),
         });
         Ok(())
@@ -39,13 +39,16 @@ impl Engine {
     /// Returns `false` if marks have to be carried to another chapter before frame `i` can be asked.
     pub(crate) fn answers_at_once(&self, i: usize) -> bool {
         let time = self.scene.time(i);
-        if self.handed.is_none() || self.scene.chapters.is_empty() {
+        if self.chapter_marks.is_none() || self.scene.chapters.is_empty() {
             return true;
         }
         let near = self.turned_from.as_ref().filter(|other| other.scene.is_at(time));
-        let marked =
-            if self.scene.is_at(time) { &self.marked } else { near.map_or(&None, |near| &near.marked) };
-        marked.is_some()
+        let carried_marks = if self.scene.is_at(time) {
+            &self.carried_marks
+        } else {
+            near.map_or(&None, |near| &near.carried_marks)
+        };
+        carried_marks.is_some()
     }
 }
 

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
     grid::Grid,
-    marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, Handed, LookHere, Marks},
+    marks::{Canvas, Carried, CarrySettings, ChapterMarks, Correction, FrameScores, Graph, LookHere, Marks},
     raster::{Renderer, render_frame},
     relevancy::{Query, Relevancy},
     scene::Scene,
@@ -19,7 +19,7 @@ const MOST_READ: usize = 8;
 const MOST_BEFORE: usize = 32;
 
 /// Marks, carried to the scene or to the chapter of it that is at hand.
-pub(super) struct Marked {
+pub(super) struct CarriedMarks {
     /// Marks by hand that were carried.
     by_hand: Arc<Marks>,
     /// Names that the scene does not have.
@@ -58,29 +58,30 @@ impl Engine {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
         if marks.is_empty() {
-            (self.handed, self.marked, self.turned_from) = (None, None, None);
+            (self.chapter_marks, self.carried_marks, self.turned_from) = (None, None, None);
             return Ok(());
         }
-        self.handed = Some(match self.handed.take() {
-            Some(handed) => handed.for_marks(&self.scene, &marks),
-            None => Handed::new(&marks),
+        self.chapter_marks = Some(match self.chapter_marks.take() {
+            Some(chapter_marks) => chapter_marks.for_marks(&self.scene, &marks),
+            None => ChapterMarks::new(&marks),
         });
         Ok(())
     }
 
     /// Returns the marks by hand.
     pub fn marks(&self) -> Option<&Marks> {
-        self.handed.as_ref().map(|handed| &**handed.by_hand())
+        self.chapter_marks.as_ref().map(|chapter_marks| &**chapter_marks.by_hand())
     }
 
     /// Carries the marks to the chapter that is shown at `time`, unless that is done. It can take seconds, and
     /// leaves off with [`surgtpgs_core::Error::Cancelled`] for a request elsewhere.
     pub(crate) fn carry_marks(&mut self, time: f32) -> Result<()> {
         self.turn_to(time)?;
-        let Some(by_hand) = self.handed.as_ref().map(|handed| handed.by_hand().clone()) else {
+        let Some(by_hand) = self.chapter_marks.as_ref().map(|chapter_marks| chapter_marks.by_hand().clone())
+        else {
             return Ok(());
         };
-        if self.marked.as_ref().is_some_and(|marked| Arc::ptr_eq(&marked.by_hand, &by_hand)) {
+        if self.carried_marks.as_ref().is_some_and(|marked| Arc::ptr_eq(&marked.by_hand, &by_hand)) {
             return Ok(());
         }
         let here = self.marks_here()?;
@@ -89,10 +90,10 @@ impl Engine {
 
     /// Returns the marks that count in the chapter at hand.
     fn marks_here(&mut self) -> Result<Marks> {
-        let Self { handed: Some(handed), scene, recording, pending, .. } = self else {
+        let Self { chapter_marks: Some(chapter_marks), scene, recording, pending, .. } = self else {
             return Ok(Marks::default());
         };
-        handed.marks(scene, &mut |i| {
+        chapter_marks.marks(scene, &mut |i| {
             if pending.is_elsewhere(|frame| scene.is_at(scene.time(frame))) {
                 return Err(Error::Cancelled);
             }
@@ -109,7 +110,7 @@ impl Engine {
         let (known, new): (Vec<&String>, Vec<&String>) =
             names.iter().partition(|name| self.scene.finds(name));
         let carried = Carried::new(&scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
-        let (carried, before) = match self.marked.take() {
+        let (carried, before) = match self.carried_marks.take() {
             Some(earlier) => (carried.after(earlier.carried), Some(earlier.before)),
             None => (carried, None),
         };
@@ -128,7 +129,7 @@ impl Engine {
                 }
             })?;
         self.graph = Some(graph);
-        self.marked = Some(Marked { by_hand, carried, corrections, before, last: None });
+        self.carried_marks = Some(CarriedMarks { by_hand, carried, corrections, before, last: None });
         Ok(())
     }
 
@@ -150,16 +151,21 @@ impl Engine {
     /// Changes the scores of the prompts on a view by what was marked.
     pub(super) fn score_marked(&mut self, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
         self.carry_marks(view.time)?;
-        let Some(mut marked) = self.marked.take() else { return Ok(()) };
+        let Some(mut marked) = self.carried_marks.take() else { return Ok(()) };
         let result = self.add_marked(&mut marked, view, scores);
-        self.marked = Some(marked);
+        self.carried_marks = Some(marked);
         result
     }
 
-    fn add_marked(&mut self, marked: &mut Marked, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
+    fn add_marked(
+        &mut self,
+        marked: &mut CarriedMarks,
+        view: &SceneView,
+        scores: &mut [Grid<f32>],
+    ) -> Result<()> {
         let frame = self.frame_of(view);
         // Marked pixels are known at the size of the recording.
-        let whole = frame.filter(|i| self.scene.cameras[*i] == view.camera);
+        let at_full_size = frame.filter(|i| self.scene.cameras[*i] == view.camera);
         let is_asked = |name: &String| self.asking.meant.iter().flatten().any(|meant| meant == name);
         let new = if marked.carried.names().iter().any(is_asked) {
             self.carried_scores(marked, view, frame)?
@@ -169,7 +175,7 @@ impl Engine {
         for ((score, meant), query) in scores.iter_mut().zip(&self.asking.meant).zip(&self.asking.queries) {
             for name in meant {
                 if let Some(correction) = marked.corrections.get(name) {
-                    correction.apply(&self.scene, (view.camera, view.time), whole, score);
+                    correction.apply(&self.scene, (view.camera, view.time), at_full_size, score);
                 }
                 let place = marked.carried.names().iter().position(|known| known == name);
                 if let Some(own) = place.and_then(|k| new.get(k)) {
@@ -185,7 +191,7 @@ impl Engine {
     /// picture, or by the reconstruction of it where the recording is not at hand.
     fn carried_scores(
         &mut self,
-        marked: &mut Marked,
+        marked: &mut CarriedMarks,
         view: &SceneView,
         frame: Option<usize>,
     ) -> Result<Vec<Grid<f32>>> {
@@ -200,7 +206,7 @@ impl Engine {
     }
 
     /// Returns the scores of the carried names on a frame.
-    fn carried_on<'a>(&mut self, marked: &'a mut Marked, frame: usize) -> Result<&'a FrameScores> {
+    fn carried_on<'a>(&mut self, marked: &'a mut CarriedMarks, frame: usize) -> Result<&'a FrameScores> {
         let known = marked.last.take().filter(|(last, _)| *last == frame);
         let Self { scene, recording, pending, .. } = self;
         let mut num_read = 0;
@@ -230,11 +236,11 @@ impl Engine {
     /// Returns for each prompt the Gaussians that marks give it at `time`: those whose share is above one half.
     pub(super) fn gaussians_marked(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         self.carry_marks(time)?;
-        let Some(mut marked) = self.marked.take() else { return Ok(Vec::new()) };
+        let Some(mut marked) = self.carried_marks.take() else { return Ok(Vec::new()) };
         let Self { scene, recording, .. } = self;
         let shares = marked.carried.shares(scene, &mut |i| picture(recording, scene, i)).map(<[_]>::to_vec);
         let names = marked.carried.names().to_vec();
-        self.marked = Some(marked);
+        self.carried_marks = Some(marked);
         let shares = shares?;
         let of = |meant: &Vec<String>| {
             let places: Vec<usize> = (0..shares.len()).filter(|k| meant.contains(&names[*k])).collect();
@@ -248,7 +254,7 @@ impl Engine {
     /// such name, or if the frame is marked.
     pub fn look_here_on(&mut self, frame: usize) -> Result<Option<LookHere>> {
         self.carry_marks(self.scene.time(frame))?;
-        let Some(mut marked) = self.marked.take() else { return Ok(None) };
+        let Some(mut marked) = self.carried_marks.take() else { return Ok(None) };
         let is_marked = marked.carried.frames().any(|other| other == frame);
         let found = if marked.carried.names().is_empty() || is_marked {
             Ok(None)
@@ -257,7 +263,7 @@ impl Engine {
             let found = self.carried_on(&mut marked, frame);
             found.map(|found| Some(found.look_here(frame, &scene.field_of_view)))
         };
-        self.marked = Some(marked);
+        self.carried_marks = Some(marked);
         found
     }
 }

@@ -54,7 +54,7 @@ use surgtpgs_core::{
     deform::deform,
     files::Inputs,
     grid::{Grid, Mask},
-    marks::{Graph, Handed},
+    marks::{ChapterMarks, Graph},
     mask::threshold,
     num::sigmoid,
     overlay::{OverlayPrompt, overlay},
@@ -139,9 +139,9 @@ pub struct Engine {
     settings: RelevancySettings,
     asking: Asking,
     /// Marks by hand, and those that count in each chapter of a long scene, as far as they were needed.
-    handed: Option<Handed>,
+    chapter_marks: Option<ChapterMarks>,
     /// Marks that were carried to the Gaussians; those of before if the marks by hand are others now.
-    marked: Option<marked::Marked>,
+    carried_marks: Option<marked::CarriedMarks>,
     /// The request that waits: carrying marks to another chapter leaves off for it.
     pending: Arc<Pending>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
@@ -209,8 +209,8 @@ impl Engine {
             outside: Outside::default(),
             travelling: None,
             settings,
-            marked: None,
-            handed: None,
+            carried_marks: None,
+            chapter_marks: None,
             pending: Arc::default(),
             graph: None,
             turned_from: None,
@@ -230,8 +230,8 @@ impl Engine {
         self.last = None;
         self.outside = Outside::default();
         // Marks belong to the Gaussians that they were carried to.
-        self.marked = None;
-        self.handed = None;
+        self.carried_marks = None;
+        self.chapter_marks = None;
         self.turned_from = None;
         self.scene = scene;
     }
@@ -345,7 +345,7 @@ impl Engine {
         self.turn_to(view.time)?;
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
         let asks = matches!(ask, Ask::Now(_));
-        if !self.machine.is_gpu() || (asks && (!has_lattice || self.handed.is_some())) {
+        if !self.machine.is_gpu() || (asks && (!has_lattice || self.chapter_marks.is_some())) {
             return self.show_by_cpu(view, ask, wanted);
         }
         let features = has_lattice && !matches!(ask, Ask::Nothing);
@@ -501,7 +501,7 @@ impl Engine {
         self.clock.start();
         let mut scores = match &mut self.relevancy {
             Some(relevancy) => relevancy.score(images, &self.asking.queries, &self.settings),
-            None if self.handed.is_some() => {
+            None if self.chapter_marks.is_some() => {
                 vec![Grid::filled(images.width, images.height, 0.0); self.asking.queries.len()]
             }
             None => return Err(no_features(&self.scene)),
@@ -519,7 +519,7 @@ impl Engine {
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         let marked = self.gaussians_marked(time)?;
-        if self.relevancy.is_none() && self.handed.is_some() {
+        if self.relevancy.is_none() && self.chapter_marks.is_some() {
             return Ok(marked);
         }
         let scores = self.gaussian_scores(time)?;

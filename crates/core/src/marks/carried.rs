@@ -2,16 +2,17 @@
 
 use super::{
     Evidence, FrameScores, Graph, LookHere, Marks,
-    cells::{Squares, spread_over},
-    guided::Guide,
-    hints::{Hints, Told},
-    known::{MarkedFrame, add_seen, at_half, at_whole, likeness, place, weights},
+    cells::{CellFeatures, spread_over},
+    flow_to_marked::FlowToMarked,
+    frame_cache::FrameCache,
+    frame_splats::FrameSplats,
+    guided::GuidedFilter,
+    hints::{GuideShares, Hints},
+    marked_frame::{MarkedFrame, add_looked_up, at_full_size, at_half, flow_target, likeness, weights},
     plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
-    seen::Seen,
     spread::{Before, PULL, spread},
-    trail::Trail,
 };
 use crate::{
     Result,
@@ -29,36 +30,34 @@ use std::{
 
 /// Names whose shares are blended in one pass.
 const NAMES_AT_ONCE: usize = 16;
-/// Weight of the Gaussians' shares beside those of a marked frame that is seen well.
-const GAUSSIANS: f32 = 0.01;
-/// Weight of what other frames tell a frame that shows all names itself, beside that of any other.
-const TOLD_BESIDE_ALL: f32 = 0.2;
-/// Likeness from which on a marked pixel is carried to a frame that knows nothing of its name: instruments
-/// shine otherwise on each.
-const LENT: f32 = 0.05;
-/// Likeness of looks from which on the place that it is carried to looks the same.
-const SAME_LOOKS: f32 = 0.78;
-/// Part of the marked pixels of a name that lead to what looks the same, where it is still there.
-const MOSTLY: f32 = 0.3;
-/// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
-const SMALLEST: usize = 4;
-/// Marked frames that are kept at most.
-const MOST_KNOWN: usize = 8;
+/// Weight of the Gaussians' shares, beside 1 for a marked frame that looks the same.
+const GAUSSIAN_WEIGHT: f32 = 0.01;
+/// Weight of guides where a frame shows all names itself, relative to any other frame.
+const GUIDE_WEIGHT_BESIDE_ALL_NAMES: f32 = 0.2;
+/// Likeness of two frames around a pixel above which a mark is propagated; small, because instruments shine
+/// differently on each frame.
+const MIN_PROPAGATION_WEIGHT: f32 = 0.05;
+/// Likeness of appearance above which a marked pixel and the pixel it is propagated to look the same.
+const MIN_APPEARANCE_LIKENESS: f32 = 0.78;
+/// Part of the marked pixels of a name that have to be found on a frame; with fewer, the name is not there.
+const MIN_FOUND_PART: f32 = 0.3;
+/// Shortest side of pictures that are segmented, px; smaller ones are left to the Gaussians.
+const MIN_SIDE_PX: usize = 4;
 
 /// Parts of the method, each of which can be left out to measure it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CarrySettings {
-    /// `true` to look marked frames up along the optical flow, `false` for the Gaussians' shares alone.
-    pub looks_up: bool,
+    /// `true` to look up marked frames along the optical flow, `false` for the Gaussians' shares alone.
+    pub uses_flow: bool,
     /// `true` to compare each frame with the marked one itself, so that errors of the flow do not add up.
-    pub mends: bool,
+    pub corrects_drift: bool,
     /// `true` to move borders to those of the picture.
-    pub refines: bool,
+    pub refines_borders: bool,
 }
 
 impl Default for CarrySettings {
     fn default() -> Self {
-        Self { looks_up: true, mends: true, refines: true }
+        Self { uses_flow: true, corrects_drift: true, refines_borders: true }
     }
 }
 
@@ -77,10 +76,19 @@ pub struct Carried {
     graph: Arc<Graph>,
     /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
     shares: Option<Vec<Vec<f32>>>,
-    /// Marked frames that were needed last.
-    known: BTreeMap<usize, MarkedFrame>,
-    /// Displacements to marked frames that are not known yet, found for earlier marks.
-    trails: BTreeMap<usize, Trail>,
+    cache: FrameCache,
+}
+
+/// A frame that marked frames are looked up from.
+#[derive(Clone, Copy)]
+struct Lookup<'a> {
+    frame: usize,
+    /// Luminance of the frame at half size.
+    luma: &'a Grid<f32>,
+    /// The marked frames, at most one on each side.
+    marked: &'a [usize],
+    /// `true` to take their shares with those of their neighbours, `false` to take their own alone.
+    with_neighbours: bool,
 }
 
 /// Returns the picture of a frame: the recorded one, or the reconstruction of it.
@@ -93,13 +101,13 @@ impl Carried {
         let evidence = Evidence::of_all(marks, &names, scene);
         let (growing, pointed) = Evidence::of_growing(marks, &evidence, &names, scene);
         let plan = Plan::of(&growing, &pointed, names.len());
-        let (known, trails, shares) = (BTreeMap::new(), BTreeMap::new(), None);
         let outlined = marks.outlined(scene);
-        Self { names, settings, evidence, growing, plan, outlined, graph, shares, known, trails }
+        let cache = FrameCache::default();
+        Self { names, settings, evidence, growing, plan, outlined, graph, shares: None, cache }
     }
 
     /// Takes over what was found for earlier marks on the same recording and still holds: frames whose marks
-    /// and tellers are the same, and displacements. The scores stay the same and take less time.
+    /// and guides are the same, and flows. The scores are the same and take less time.
     pub fn after(mut self, earlier: Self) -> Self {
         let is_same = self.names == earlier.names
             && self.settings == earlier.settings
@@ -107,21 +115,18 @@ impl Carried {
         let is_marked_so = |frame: &usize| {
             self.evidence.get(frame) == earlier.evidence.get(frame)
                 && self.growing.get(frame).is_some_and(|own| Some(own) == earlier.growing.get(frame))
-                && self.plan.is_as_in(&earlier.plan, *frame)
+                && self.plan.has_same_place_as(&earlier.plan, *frame)
         };
-        let holds = |frame: usize| self.plan.with_tellers(frame).iter().all(is_marked_so);
-        let mut trails = earlier.trails;
-        for (frame, known) in earlier.known {
-            if is_same && holds(frame) {
-                let is_whole = self.plan.is_whole(frame, &known.lent);
-                self.known.insert(frame, MarkedFrame { told: None, is_whole, ..known });
-            } else {
-                trails.insert(frame, known.trail);
-            }
+        let holds = |frame: usize| is_same && self.plan.with_sources(frame).iter().all(is_marked_so);
+        let is_wanted = |frame: usize, flow: &FlowToMarked| {
+            let corrects_drift = self.settings.corrects_drift;
+            self.evidence.contains_key(&frame) && flow.corrects_drift() == corrects_drift
+        };
+        self.cache.take_over(earlier.cache, holds, is_wanted);
+        for (frame, marked) in self.cache.frames_mut() {
+            marked.shares_with_neighbours = None;
+            marked.knows_all_names = self.plan.knows_all_names(frame, &marked.propagated_names);
         }
-        trails
-            .retain(|frame, trail| self.evidence.contains_key(frame) && trail.mends() == self.settings.mends);
-        self.trails = trails.into_iter().take(MOST_KNOWN).collect();
         self
     }
 
@@ -141,17 +146,19 @@ impl Carried {
         if self.shares.is_none() {
             let mut seeds = Seeds::none(scene, self.names.len());
             for frame in self.evidence.keys().copied().collect::<Vec<_>>() {
-                if self.growing.contains_key(&frame) && is_looked_at(scene) {
-                    self.know(scene, frame, pictures)?;
-                    self.known[&frame].seed(&mut seeds, scene, frame);
-                    self.forget_far(frame);
+                if self.growing.contains_key(&frame) && is_large_enough(scene) {
+                    self.segment_frame(scene, frame, pictures)?;
+                    if let Some(marked) = self.cache.get(frame) {
+                        marked.seed(&mut seeds, scene, frame);
+                    }
+                    self.cache.evict_far(frame);
                 } else {
                     seeds.add(scene, &self.evidence[&frame]);
                 }
             }
-            let hints = Hints::of(&self.graph.looks, &self.graph.links, &seeds, &[]);
+            let hints = Hints::of(&self.graph.appearance, &self.graph.links, &seeds, &[]);
             let mut shares = spread(&self.graph.links, &seeds, Before::Nothing, PULL, Some(&hints));
-            // The solver stops a little beside the solution.
+            // The solver stops close to the solution, which can be a little below 0.
             shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
             self.shares = Some(shares);
         }
@@ -165,7 +172,7 @@ impl Carried {
         frame: usize,
         pictures: &mut Pictures<'_>,
     ) -> Result<FrameScores> {
-        let mut found = self.found_on(scene, frame, pictures)?;
+        let mut found = self.scores_before_outlines(scene, frame, pictures)?;
         if let Some(evidence) = self.evidence.get(&frame) {
             let is_outlined = |k: &usize| self.outlined.contains(&(self.names[*k].clone(), frame));
             for k in (0..self.names.len()).filter(is_outlined) {
@@ -176,37 +183,44 @@ impl Carried {
         Ok(found)
     }
 
-    fn found_on(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<FrameScores> {
+    fn scores_before_outlines(
+        &mut self,
+        scene: &Scene,
+        frame: usize,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<FrameScores> {
         let camera = scene.cameras[frame];
         let (width, height) = (camera.width as usize, camera.height as usize);
-        if !is_looked_at(scene) {
+        if !is_large_enough(scene) {
             let scores = self.on_view(scene, camera, scene.time(frame), pictures)?;
             return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
         }
-        // Before frames are told of each other: spreading over many of them forgets some.
+        // First of all: it segments all marked frames, and the cache may evict those that are needed here.
         if !self.growing.contains_key(&frame) || self.growing.len() < self.evidence.len() {
             self.shares(scene, pictures)?;
         }
         let picture = pictures(frame)?;
-        let shares = if !self.settings.looks_up {
-            self.blended(scene, &Seen::at_half(scene, frame), pictures)?
+        let shares = if !self.settings.uses_flow {
+            self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?
         } else if self.evidence.contains_key(&frame) {
-            self.tell(scene, frame, pictures)?;
-            let known = self.known.get(&frame);
-            if let Some(whole) = known.filter(|k| k.told.is_none()).and_then(|k| k.whole.as_ref()) {
-                return Ok(scores(whole, width, height));
+            self.blend_neighbours(scene, frame, pictures)?;
+            let here = self.cache.get(frame);
+            let alone = here.filter(|here| here.shares_with_neighbours.is_none());
+            if let Some(shares) = alone.and_then(|here| here.full_size_shares.as_ref()) {
+                return Ok(scores(shares, width, height));
             }
-            known.map(|known| known.told().to_vec()).unwrap_or_default()
+            here.map(|here| here.shares().to_vec()).unwrap_or_default()
         } else {
             let marked = beside(frame, &self.evidence);
-            marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
-            let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
+            marked.iter().try_for_each(|marked| self.blend_neighbours(scene, *marked, pictures))?;
+            let mut shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
             let luma = luma_of(&picture);
-            let total = vec![GAUSSIANS; luma.data.len()];
-            self.look_up(scene, (frame, &luma), (&marked, true), total, &mut shares, pictures)?;
+            let weights = vec![GAUSSIAN_WEIGHT; luma.data.len()];
+            let lookup = Lookup { frame, luma: &luma, marked: &marked, with_neighbours: true };
+            self.look_up(scene, lookup, weights, &mut shares, pictures)?;
             shares
         };
-        self.forget_far(frame);
+        self.cache.evict_far(frame);
         let mut shares = self.refined(picture, shares);
         if let Some(evidence) = self.evidence.get(&frame) {
             keep_marked(evidence, &mut shares);
@@ -217,13 +231,13 @@ impl Carried {
     /// Returns shares at full size, with borders where the picture has some.
     fn refined(&self, picture: RgbImage, shares: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
-        if self.settings.refines {
-            let guide = Guide::new(picture);
-            return shares.par_iter().map(|plane| guide.filter(plane)).collect();
+        if self.settings.refines_borders {
+            let filter = GuidedFilter::new(picture);
+            return shares.par_iter().map(|plane| filter.filter(plane)).collect();
         }
-        let whole =
+        let full_size =
             |plane: Vec<f32>| Grid::from_vec(width / 2, height / 2, plane).sampled(width, height).data;
-        shares.into_par_iter().map(whole).collect()
+        shares.into_par_iter().map(full_size).collect()
     }
 
     /// Returns the scores on any view, of the Gaussians alone.
@@ -234,52 +248,57 @@ impl Carried {
         time: f32,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<Grid<f32>>> {
-        let shares = self.blended(scene, &Seen::of(scene, camera, time), pictures)?;
+        let shares = self.blended(scene, &FrameSplats::of(scene, camera, time), pictures)?;
         Ok(scores(&shares, camera.width as usize, camera.height as usize).scores)
     }
 
     /// Returns the Gaussians' shares of every pixel.
-    fn blended(&mut self, scene: &Scene, seen: &Seen, pictures: &mut Pictures<'_>) -> Result<Vec<Vec<f32>>> {
+    fn blended(
+        &mut self,
+        scene: &Scene,
+        splats: &FrameSplats,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Vec<Vec<f32>>> {
         let shares = self.shares(scene, pictures)?;
         let mut planes = Vec::with_capacity(shares.len());
         for part in shares.chunks(NAMES_AT_ONCE) {
             let values: Vec<f32> =
                 (0..part[0].len()).flat_map(|i| part.iter().map(move |share| share[i])).collect();
-            let blended = seen.blend(&values, part.len());
+            let blended = splats.blend(&values, part.len());
             planes.extend((0..part.len()).map(|k| blended.value(k).to_vec()));
         }
         Ok(planes)
     }
 
-    /// Mixes the shares of a frame, of weight `total`, with those of marked frames, looked up from it. Marked
-    /// frames answer with what they were told, too, or with their own shares alone. Returns the new weight.
+    /// Mixes the shares of a frame, whose pixels have the weights `total`, with those that are looked up in
+    /// marked frames. Returns the new weights.
     fn look_up(
         &mut self,
         scene: &Scene,
-        (frame, luma_here): (usize, &Grid<f32>),
-        (marked, with_told): (&[usize], bool),
+        lookup: Lookup<'_>,
         mut total: Vec<f32>,
         shares: &mut [Vec<f32>],
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<f32>> {
-        marked.iter().try_for_each(|marked| self.know(scene, *marked, pictures))?;
+        let Lookup { frame, luma, marked, with_neighbours } = lookup;
+        marked.iter().try_for_each(|marked| self.segment_frame(scene, *marked, pictures))?;
         shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(|(v, t)| *v *= t));
         // The nearer of two weighs more.
         let far: usize = marked.iter().map(|f| f.abs_diff(frame)).sum();
         for &marked_frame in marked {
             let away = marked_frame.abs_diff(frame) as f32 / far.max(1) as f32;
             let near = if marked.len() < 2 { 1.0 } else { 1.0 - away };
-            let Some(known) = self.known.get_mut(&marked_frame) else { continue };
-            let way = known.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
-            let weights = known.weights_along(&way, luma_here, &scene.field_of_view, |weight| near * weight);
-            let answer = known.told.as_ref().filter(|_| with_told);
-            shares.par_iter_mut().zip(answer.unwrap_or(&known.own)).for_each(|(plane, marked)| {
-                add_seen(plane, marked, &way, &weights);
+            let Some(other) = self.cache.get_mut(marked_frame) else { continue };
+            let flow = other.flows.flow(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
+            let weights = other.lookup_weights(&flow, luma, &scene.field_of_view, |weight| near * weight);
+            let blended = other.shares_with_neighbours.as_ref().filter(|_| with_neighbours);
+            shares.par_iter_mut().zip(blended.unwrap_or(&other.own_shares)).for_each(|(plane, marked)| {
+                add_looked_up(plane, marked, &flow, &weights);
             });
-            if known.is_whole || answer.is_some() {
+            if other.knows_all_names || blended.is_some() {
                 total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
             } else {
-                add_seen(&mut total, &known.sure(), &way, &weights);
+                add_looked_up(&mut total, &other.known_share(), &flow, &weights);
             }
         }
         let share = |(v, t): (&mut f32, &f32)| *v /= t.max(f32::MIN_POSITIVE);
@@ -287,145 +306,150 @@ impl Carried {
         Ok(total)
     }
 
-    /// Returns what other frames tell a frame with growing marks; `None` if there is none.
-    fn told(
+    /// Returns the shares that are looked up in the guides of a frame; `None` if it has no guides.
+    fn guide_shares(
         &mut self,
         scene: &Scene,
-        here: (usize, &Grid<f32>),
+        (frame, luma): (usize, &Grid<f32>),
         pictures: &mut Pictures<'_>,
-    ) -> Result<Option<Told>> {
-        let tellers = self.plan.tellers(here.0).to_vec();
-        if tellers.is_empty() || !self.settings.looks_up {
+    ) -> Result<Option<GuideShares>> {
+        let guides = self.plan.guides(frame).to_vec();
+        if guides.is_empty() || !self.settings.uses_flow {
             return Ok(None);
         }
-        let nothing = vec![0.0; here.1.data.len()];
-        let mut shares = vec![nothing.clone(); self.names.len()];
-        let mut weights = self.look_up(scene, here, (&tellers, false), nothing, &mut shares, pictures)?;
-        if self.plan.shows_all(here.0) {
-            weights.iter_mut().for_each(|weight| *weight *= TOLD_BESIDE_ALL);
+        let zeros = vec![0.0; luma.data.len()];
+        let mut shares = vec![zeros.clone(); self.names.len()];
+        let lookup = Lookup { frame, luma, marked: &guides, with_neighbours: false };
+        let mut weights = self.look_up(scene, lookup, zeros, &mut shares, pictures)?;
+        if self.plan.shows_all(frame) {
+            weights.iter_mut().for_each(|weight| *weight *= GUIDE_WEIGHT_BESIDE_ALL_NAMES);
         }
-        Ok(Some(Told { shares, weights }))
+        Ok(Some(GuideShares { shares, weights }))
     }
 
-    /// Carries marks of names that a frame knows nothing of to it. Returns pixels of its picture, each with the
-    /// name that it shows. Names whose marks mostly lead to what looks otherwise are not there yet, or no more.
-    fn lent(
+    /// Propagates marks of names that neither a frame nor its guides know to the frame. Returns pixels of its
+    /// picture, each with the name that it shows. A name of which too few marked pixels lead to pixels that
+    /// look the same is taken to be not in view.
+    fn propagate(
         &mut self,
         scene: &Scene,
         (frame, picture, luma): (usize, &RgbImage, &Grid<f32>),
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<(usize, usize)>> {
-        let (mut lent, mends) = (Vec::new(), self.settings.mends);
-        let lenders = if self.settings.looks_up { self.plan.lenders(frame) } else { BTreeMap::new() };
-        if lenders.is_empty() {
-            return Ok(lent);
+        let (mut propagated, settings) = (Vec::new(), self.settings);
+        let sources = if settings.uses_flow { self.plan.propagation_sources(frame) } else { BTreeMap::new() };
+        if sources.is_empty() {
+            return Ok(propagated);
         }
-        let here = Squares::of(picture);
+        let here = CellFeatures::of(picture);
         let width = picture.width() as usize;
-        for (lender, names) in lenders {
-            let (evidence, picture) = (&self.growing[&lender], pictures(lender)?);
-            let trail = self.trails.entry(frame).or_insert_with(|| Trail::new(frame, luma.clone(), mends));
-            let way = trail.way(lender, &mut |i| Ok(luma_of(&pictures(i)?)))?;
-            let alike = likeness(&luma_of(&picture), luma, &way, &scene.field_of_view);
-            let there = Squares::of(&picture);
-            // Number of marked pixels, and the places of those that look the same, of each name.
+        for (source, names) in sources {
+            let (evidence, picture) = (&self.growing[&source], pictures(source)?);
+            let flows = self.cache.flow_to(frame, luma, settings.corrects_drift);
+            let flow = flows.flow(source, &mut |i| Ok(luma_of(&pictures(i)?)))?;
+            let weights = likeness(&luma_of(&picture), luma, &flow, &scene.field_of_view);
+            let there = CellFeatures::of(&picture);
+            // Number of marked pixels of each name, and the pixels here that look the same.
             let mut found: BTreeMap<usize, (usize, Vec<usize>)> = BTreeMap::new();
             for i in evidence.pixels() {
                 let Some(name) = evidence.shown_at(i).filter(|name| names.contains(name)) else { continue };
-                let (count, places) = found.entry(name).or_default();
+                let (count, pixels) = found.entry(name).or_default();
                 *count += 1;
-                let from = at_half(i, width, luma);
-                let to = place(&way, from).filter(|_| alike.data[from] > LENT);
-                let to = to.map(|to| at_whole(to, width, luma));
-                places.extend(to.filter(|to| there.likeness(i, &here, *to) > SAME_LOOKS));
+                let from = at_half(i, width, [luma.width, luma.height]);
+                let to = flow_target(&flow, from).filter(|_| weights.data[from] > MIN_PROPAGATION_WEIGHT);
+                let to = to.map(|to| at_full_size(to, width, luma.width));
+                pixels.extend(to.filter(|to| there.likeness(i, &here, *to) > MIN_APPEARANCE_LIKENESS));
             }
-            for (name, (count, places)) in found {
-                if places.len() as f32 > MOSTLY * count as f32 {
-                    lent.extend(places.into_iter().map(|place| (place, name)));
+            for (name, (count, pixels)) in found {
+                if pixels.len() as f32 > MIN_FOUND_PART * count as f32 {
+                    propagated.extend(pixels.into_iter().map(|pixel| (pixel, name)));
                 }
             }
         }
-        Ok(lent)
+        Ok(propagated)
     }
 
-    /// Carries the marked pixels of the frames beside a marked one to it.
-    fn tell(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
-        self.know(scene, frame, pictures)?;
-        let Some(known) = self.known.get(&frame).filter(|known| known.told.is_none()) else { return Ok(()) };
-        let others = beside(frame, &self.evidence);
-        if others.is_empty() {
-            // Alone, it is shown as it was found at full size.
-            return if known.whole.is_none() { self.know_anew(scene, frame, pictures) } else { Ok(()) };
+    /// Mixes the shares of a marked frame with those of the nearest marked frame on each side.
+    fn blend_neighbours(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        self.segment_frame(scene, frame, pictures)?;
+        let here = self.cache.get(frame).filter(|here| here.shares_with_neighbours.is_none());
+        let Some(here) = here else { return Ok(()) };
+        let neighbours = beside(frame, &self.evidence);
+        if neighbours.is_empty() {
+            // Without neighbours, the frame is shown as it was segmented at full size.
+            let has_shares = here.full_size_shares.is_some();
+            return if has_shares { Ok(()) } else { self.segment_again(scene, frame, pictures) };
         }
-        let mut told = known.own.clone();
-        if !known.is_whole {
-            let (luma, sure) = (known.luma.clone(), known.sure());
+        let mut shares = here.own_shares.clone();
+        if !here.knows_all_names {
+            let (luma, known_share) = (here.luma.clone(), here.known_share());
             let growing = beside(frame, &self.growing);
-            self.look_up(scene, (frame, &luma), (&growing, false), sure, &mut told, pictures)?;
+            let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
+            self.look_up(scene, lookup, known_share, &mut shares, pictures)?;
         }
-        for other in others {
-            self.know(scene, other, pictures)?;
-            let Some(teller) = self.known.get_mut(&other) else { continue };
-            let way = teller.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
-            if let (Some(known), Some(teller)) = (self.known.get(&frame), self.known.get(&other)) {
-                known.hear(&mut told, teller, &way, &scene.field_of_view);
+        for other in neighbours {
+            self.segment_frame(scene, other, pictures)?;
+            let Some(neighbour) = self.cache.get_mut(other) else { continue };
+            let flow = neighbour.flows.flow(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
+            if let (Some(here), Some(neighbour)) = (self.cache.get(frame), self.cache.get(other)) {
+                here.blend_neighbour(&mut shares, neighbour, &flow, &scene.field_of_view);
             }
         }
-        self.known.entry(frame).and_modify(|known| known.told = Some(told));
+        if let Some(here) = self.cache.get_mut(frame) {
+            here.shares_with_neighbours = Some(shares);
+        }
         Ok(())
     }
 
-    /// Makes a marked frame known: spreads the marks over it that grow, or looks up what other frames tell of
-    /// it if there are none, and sets what is marked.
-    fn know(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
-        if self.known.contains_key(&frame) {
+    /// Segments a marked frame, unless that is done: spreads the marks over it that grow or, if there are
+    /// none, looks up its shares in other frames. Then sets what is marked.
+    fn segment_frame(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        if self.cache.contains(frame) {
             return Ok(());
         }
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
-        let told = self.told(scene, (frame, &luma), pictures)?;
-        let lent = self.lent(scene, (frame, &picture, &luma), pictures)?;
-        let spread = if let Some(growing) = self.growing.get(&frame) {
-            spread_over(&picture, &scene.field_of_view, (growing, &lent), self.names.len(), told)
+        let guides = self.guide_shares(scene, (frame, &luma), pictures)?;
+        let propagated = self.propagate(scene, (frame, &picture, &luma), pictures)?;
+        let segmented = if let Some(growing) = self.growing.get(&frame) {
+            let num_names = self.names.len();
+            spread_over(&picture, &scene.field_of_view, growing, &propagated, num_names, guides)
         } else {
-            let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
+            let mut shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
-            let total = vec![GAUSSIANS; luma.data.len()];
-            self.look_up(scene, (frame, &luma), (&growing, false), total, &mut shares, pictures)?;
+            let weights = vec![GAUSSIAN_WEIGHT; luma.data.len()];
+            let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
+            self.look_up(scene, lookup, weights, &mut shares, pictures)?;
             shares
         };
         let evidence = &self.evidence[&frame];
-        let [whole_width, whole_height] = [picture.width(), picture.height()].map(|side| side as usize);
-        let mut shares = self.refined(picture, spread);
+        let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
+        let mut shares = self.refined(picture, segmented);
         keep_marked(evidence, &mut shares);
-        let half = |plane: &Vec<f32>| halved(&Grid::from_vec(whole_width, whole_height, plane.clone())).data;
-        let own = shares.par_iter().map(half).collect();
-        let weights = weights(evidence, &luma, whole_width);
-        let earlier = self.trails.remove(&frame);
-        let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
-        // At full size they take much memory, and are wanted of the shown frame alone.
-        self.known.values_mut().for_each(|known| known.whole = None);
-        let lent = lent.into_iter().map(|(_, name)| name).collect();
-        let is_whole = self.plan.is_whole(frame, &lent);
-        let (whole, told) = (Some(shares), None);
-        self.known.insert(frame, MarkedFrame { luma, trail, own, whole, told, weights, lent, is_whole });
+        let half = |plane: &Vec<f32>| halved(&Grid::from_vec(width, height, plane.clone())).data;
+        let own_shares = shares.par_iter().map(half).collect();
+        let weights = weights(evidence, &luma, width);
+        let flows = self.cache.take_flow(frame, &luma, self.settings.corrects_drift);
+        let propagated_names = propagated.into_iter().map(|(_, name)| name).collect();
+        let knows_all_names = self.plan.knows_all_names(frame, &propagated_names);
+        let marked = MarkedFrame {
+            luma,
+            flows,
+            own_shares,
+            full_size_shares: Some(shares),
+            shares_with_neighbours: None,
+            weights,
+            propagated_names,
+            knows_all_names,
+        };
+        self.cache.insert(frame, marked);
         Ok(())
     }
 
-    /// Makes a frame known again that lost its shares at full size.
-    fn know_anew(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
-        if let Some(known) = self.known.remove(&frame) {
-            self.trails.insert(frame, known.trail);
-        }
-        self.know(scene, frame, pictures)
-    }
-
-    /// Forgets marked frames that are far away, so that memory does not grow with the recording.
-    fn forget_far(&mut self, frame: usize) {
-        while self.known.len() > MOST_KNOWN {
-            let farthest = self.known.keys().copied().max_by_key(|f| (f.abs_diff(frame), *f));
-            farthest.and_then(|farthest| self.known.remove(&farthest));
-        }
+    /// Segments a frame again that lost its shares at full size.
+    fn segment_again(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        self.cache.keep_flow_alone(frame);
+        self.segment_frame(scene, frame, pictures)
     }
 
     /// Returns the most doubtful place of each frame that is not marked, in the order of frames;
@@ -453,9 +477,9 @@ pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
     }
 }
 
-/// Returns `true` if pictures are large enough to be looked at.
-fn is_looked_at(scene: &Scene) -> bool {
-    scene.cameras.first().is_some_and(|c| c.width.min(c.height) as usize >= SMALLEST)
+/// Returns `true` if pictures are large enough to be segmented.
+fn is_large_enough(scene: &Scene) -> bool {
+    scene.cameras.first().is_some_and(|c| c.width.min(c.height) as usize >= MIN_SIDE_PX)
 }
 
 /// Returns the luminance of a picture at half size, 0–255.

@@ -1,11 +1,12 @@
-//! A marked frame as a grid of small squares, which marks are spread over: it knows the borders of its
-//! picture better than Gaussians do.
+//! Picture of a marked frame as a grid of small cells, which marks are spread over: cells follow the borders
+//! of the picture better than Gaussians do.
 
 use super::{
     Evidence,
-    hints::{Hints, Told},
+    appearance::{Appearance, AppearanceFeatures, Prediction, Unlabelled, opponents},
+    hints::{GuideShares, Hints},
     links::Links,
-    looks::{Answers, Appearance, Looks, opponents},
+    marked_frame::at_half,
     means::window_means,
     seeds::Seeds,
     spread::{Before, PULL, spread},
@@ -14,103 +15,108 @@ use crate::{camera::Camera, grid::Mask};
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Number of squares of a picture, about: how far marks spread does not depend on its resolution.
-const SQUARES: f32 = 25_600.0;
-/// Difference of brightness at which neighbours weigh e^(−½), and of hue, as [`opponents`] gives them.
+/// Approximate number of cells of a picture: the distance over which marks spread does not depend on its
+/// resolution.
+const NUM_CELLS: f32 = 25_600.0;
+/// Difference of brightness at which a link weighs e^(−½), and of hue, as [`opponents`] gives them.
 const BRIGHTNESS: f32 = 0.041;
 const HUE: f32 = 0.033;
-/// Half the side of the surroundings of a square, in squares.
+/// Half the side of the surroundings of a cell, in cells.
 const AROUND: usize = 2;
 /// Rounds in which a few marks are spread.
 const ROUNDS: usize = 2;
-/// Share of a name from which on a square of an example shows it.
-const SHOWN: f32 = 0.7;
-/// Variance of the answer of an example's square that shows no name.
-const OPEN_VARIANCE: f64 = 0.1;
-/// Certainty from which on a square looks as an example's, and up to which it surely does not.
-const SURE: f32 = 0.6;
-const NOT: f32 = 0.3;
-/// Part of a picture that looks as something in an example, from which on both show the same place.
-const FAMILIAR: f32 = 0.6;
-/// Brightness, as [`opponents`] gives it, from which on there is something to be seen.
-const LIT: f32 = 0.15;
+/// Share of a name above which a cell of an example shows it.
+const MIN_SHOWN_SHARE: f32 = 0.7;
+/// Variance of the label of an example's cell that shows no name.
+const UNLABELLED_VARIANCE: f64 = 0.1;
+/// Score above which a cell matches an example, and below which it shows something else.
+const MIN_POSITIVE: f32 = 0.6;
+const MAX_NEGATIVE: f32 = 0.3;
+/// Part of a picture that has to look like something in an example for both to show the same place.
+const MIN_FAMILIAR_PART: f32 = 0.6;
+/// Brightness, as [`opponents`] gives it, above which a cell is not black.
+const MIN_BRIGHTNESS: f32 = 0.15;
 /// Power of the mean share that a share is multiplied by.
-const AREA: f32 = 0.2;
+const AREA_POWER: f32 = 0.2;
 
-/// The squares of a picture, with their looks.
+/// The cells of a picture, with the features of their appearance.
 #[derive(Debug)]
-pub(super) struct Squares {
-    cells: Cells,
-    looks: Looks,
+pub(super) struct CellFeatures {
+    grid: CellGrid,
+    appearance: AppearanceFeatures,
 }
 
-impl Squares {
-    /// Side of the squares of a camera's pictures, px.
+impl CellFeatures {
+    /// Returns the side of the cells of a camera's pictures, px.
     pub(super) fn side_of(camera: &Camera) -> usize {
-        Cells::of_picture(camera.width as usize, camera.height as usize).side
+        CellGrid::of_picture(camera.width as usize, camera.height as usize).side
     }
 
+    /// Divides a picture into cells, and computes their features.
     pub(super) fn of(picture: &RgbImage) -> Self {
-        let cells = Cells::of_picture(picture.width() as usize, picture.height() as usize);
-        let looks = cells.looks(&cells.colours(picture));
-        Self { cells, looks }
+        let grid = CellGrid::of_picture(picture.width() as usize, picture.height() as usize);
+        let appearance = grid.appearance(&grid.colours(picture));
+        Self { grid, appearance }
     }
 
-    /// Returns the squares inside the field of view that are not black.
-    fn lit(&self, field_of_view: &Mask) -> Vec<usize> {
-        let inside = self.cells.inside(field_of_view);
-        (0..inside.len()).filter(|i| inside[*i] > 0.5 && self.looks.brightness(*i) > LIT).collect()
+    /// Returns the cells inside the field of view that are not black.
+    fn not_black(&self, field_of_view: &Mask) -> Vec<usize> {
+        let inside = self.grid.inside(field_of_view);
+        let is_bright = |i: usize| self.appearance.brightness(i) > MIN_BRIGHTNESS;
+        (0..inside.len()).filter(|i| inside[*i] > 0.5 && is_bright(*i)).collect()
     }
 
-    /// Returns the likeness of the looks around a pixel and around one of another picture, wherever they are,
-    /// 0–1.
+    /// Returns the likeness of the cell of a pixel and that of a pixel of another picture, 0–1. Positions do
+    /// not count.
     pub(super) fn likeness(&self, pixel: usize, other: &Self, other_pixel: usize) -> f32 {
-        self.looks.likeness(self.cells.of(pixel), &other.looks, other.cells.of(other_pixel))
+        let [cell, other_cell] = [self.grid.of(pixel), other.grid.of(other_pixel)];
+        self.appearance.likeness(cell, &other.appearance, other_cell)
     }
 }
 
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
-/// down. `told` is what other frames tell, of pixels of the same size; `lent` are pixels of the picture that
-/// marks of other frames were carried to, each with its name.
+/// down. `propagated` are pixels of the picture that marks of other frames were propagated to, each with its
+/// name; `guides` are the shares of the guides at half size.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
-    (evidence, lent): (&Evidence, &[(usize, usize)]),
+    evidence: &Evidence,
+    propagated: &[(usize, usize)],
     num_names: usize,
-    told: Option<Told>,
+    guides: Option<GuideShares>,
 ) -> Vec<Vec<f32>> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let cells = Cells::of_picture(width, height);
-    let mut seeds = cells.seeds(evidence, num_names);
-    cells.lend(&mut seeds, lent);
-    let colours = cells.colours(picture);
-    let links = cells.links(&colours, field_of_view);
-    let told = told.map(|told| cells.told(&told));
-    let shares = if cells.is_mostly_marked(evidence) {
-        spread(&links, &seeds, Before::Nothing, PULL, told.as_ref().map(Hints::of_told).as_ref())
+    let grid = CellGrid::of_picture(width, height);
+    let mut seeds = grid.seeds(evidence, num_names);
+    grid.add_propagated(&mut seeds, propagated);
+    let colours = grid.colours(picture);
+    let links = grid.links(&colours, field_of_view);
+    let guides = guides.map(|guides| grid.guide_shares(&guides));
+    let shares = if grid.is_mostly_marked(evidence) {
+        spread(&links, &seeds, Before::Nothing, PULL, guides.as_ref().map(Hints::from_guides).as_ref())
     } else {
-        grown(&cells.looks(&colours), &links, &seeds, told.as_ref())
+        spread_in_rounds(&grid.appearance(&colours), &links, &seeds, guides.as_ref())
     };
-    shares.par_iter().map(|share| cells.at_half(share)).collect()
+    shares.par_iter().map(|share| grid.at_half(share)).collect()
 }
 
-/// A marked picture as an example: what its squares show, and how that looks.
+/// A marked picture as an example, with the cells that show each name.
 #[derive(Debug)]
 pub(super) struct Example {
-    squares: Squares,
-    /// Squares that clearly show each name, and those that show none.
+    cells: CellFeatures,
+    /// Cells that clearly show each name, and those that show none.
     shown: Vec<Vec<usize>>,
-    open: Vec<usize>,
-    /// Squares that are not black: all of them together, as one answer.
-    lit: [Vec<usize>; 1],
+    unlabelled: Vec<usize>,
+    /// Cells that are not black: all of them together, as one class.
+    not_black: [Vec<usize>; 1],
 }
 
-/// Squares of a picture that surely look as those of an example that show a name, and that surely look as
-/// others.
+/// Cells of a picture that look like those of a name in an example, and cells that look like something else
+/// in it.
 #[derive(Clone, Debug)]
-pub(super) struct Alike {
-    pub(super) shows: Mask,
-    pub(super) denies: Mask,
+pub(super) struct Match {
+    pub(super) positive: Mask,
+    pub(super) negative: Mask,
 }
 
 impl Example {
@@ -121,59 +127,69 @@ impl Example {
         evidence: &Evidence,
         num_names: usize,
     ) -> Self {
-        let squares = Squares::of(picture);
-        let Squares { cells, looks } = &squares;
-        let seeds = cells.seeds(evidence, num_names);
-        let links = cells.links(&cells.colours(picture), field_of_view);
-        let shares = grown(looks, &links, &seeds, None);
+        let cells = CellFeatures::of(picture);
+        let CellFeatures { grid, appearance } = &cells;
+        let seeds = grid.seeds(evidence, num_names);
+        let links = grid.links(&grid.colours(picture), field_of_view);
+        let shares = spread_in_rounds(appearance, &links, &seeds, None);
         let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
-        let shown = shares.iter().map(|plane| inside().filter(|i| plane[*i] > SHOWN).collect()).collect();
-        let is_open = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < SHOWN;
-        let open = inside().filter(is_open).collect();
-        let lit = [squares.lit(field_of_view)];
-        Self { squares, shown, open, lit }
+        let shows = |plane: &Vec<f32>| inside().filter(|i| plane[*i] > MIN_SHOWN_SHARE).collect();
+        let shown = shares.iter().map(shows).collect();
+        let is_unlabelled = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < MIN_SHOWN_SHARE;
+        let unlabelled = inside().filter(is_unlabelled).collect();
+        let not_black = [cells.not_black(field_of_view)];
+        Self { cells, shown, unlabelled, not_black }
     }
 
-    /// Returns the squares of a picture of the same size that are like those of each name, and unlike them.
-    /// `None` if the picture shows another place.
-    pub(super) fn likes(&self, picture: &Squares, field_of_view: &Mask) -> Option<Vec<Alike>> {
-        let (own, others) = (&self.squares.looks, &picture.looks);
-        let familiar = own.answers_of(others, &self.lit, &[], (&[], OPEN_VARIANCE)).known;
-        let lit = picture.lit(field_of_view);
-        let is_familiar = |i: usize| familiar[i] > SURE;
-        if lit.iter().filter(|i| is_familiar(**i)).count() as f32 <= FAMILIAR * lit.len() as f32 {
+    /// Compares a picture of the same size with the example. Returns the match of each name; `None` if the
+    /// picture shows another place.
+    pub(super) fn match_picture(&self, picture: &CellFeatures, field_of_view: &Mask) -> Option<Vec<Match>> {
+        let (own, others) = (&self.cells.appearance, &picture.appearance);
+        let none = Unlabelled { nodes: &[], variance: UNLABELLED_VARIANCE };
+        let familiar = own.predict_for(others, &self.not_black, &[], none).nearness;
+        let not_black = picture.not_black(field_of_view);
+        let is_familiar = |i: usize| familiar[i] > MIN_POSITIVE;
+        let num_familiar = not_black.iter().filter(|i| is_familiar(**i)).count();
+        if num_familiar as f32 <= MIN_FAMILIAR_PART * not_black.len() as f32 {
             return None;
         }
-        let Answers { sure, known } = own.answers_of(others, &self.shown, &[], (&self.open, OPEN_VARIANCE));
+        let unlabelled = Unlabelled { nodes: &self.unlabelled, variance: UNLABELLED_VARIANCE };
+        let Prediction { score, nearness } = own.predict_for(others, &self.shown, &[], unlabelled);
         let mask = |is_so: &dyn Fn(usize) -> bool| {
-            let mut mask = Mask::filled(picture.cells.columns, picture.cells.rows, false);
-            lit.iter().filter(|i| is_so(**i)).for_each(|i| mask.data[*i] = true);
+            let mut mask = Mask::filled(picture.grid.columns, picture.grid.rows, false);
+            not_black.iter().filter(|i| is_so(**i)).for_each(|i| mask.data[*i] = true);
             mask
         };
-        let alike = |sure: &Vec<f32>| Alike {
-            shows: mask(&|i| sure[i].min(known[i]) > SURE),
-            denies: mask(&|i| is_familiar(i) && sure[i].min(known[i]) < NOT),
+        let match_of = |score: &Vec<f32>| Match {
+            positive: mask(&|i| score[i].min(nearness[i]) > MIN_POSITIVE),
+            negative: mask(&|i| is_familiar(i) && score[i].min(nearness[i]) < MAX_NEGATIVE),
         };
-        Some(sure.iter().map(alike).collect())
+        Some(score.iter().map(match_of).collect())
     }
 
-    /// Returns the same of the example itself; `None` if it is black.
-    pub(super) fn own(&self, field_of_view: &Mask) -> Option<Vec<Alike>> {
-        self.likes(&self.squares, field_of_view)
+    /// Compares the example with itself; `None` if it is black.
+    pub(super) fn match_itself(&self, field_of_view: &Mask) -> Option<Vec<Match>> {
+        self.match_picture(&self.cells, field_of_view)
     }
 
-    /// Area that a name has, px.
+    /// Returns the area of a name, px.
     pub(super) fn area_px(&self, name: usize) -> usize {
-        self.shown[name].len() * self.squares.cells.side.pow(2)
+        self.shown[name].len() * self.cells.grid.side.pow(2)
     }
 }
 
-/// Spreads marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
-fn grown(looks: &Looks, links: &Links, seeds: &Seeds, told: Option<&Told>) -> Vec<Vec<f32>> {
+/// Spreads marks in rounds: cells that clearly belong to a name are examples of its appearance in the next
+/// one.
+fn spread_in_rounds(
+    appearance: &AppearanceFeatures,
+    links: &Links,
+    seeds: &Seeds,
+    guides: Option<&GuideShares>,
+) -> Vec<Vec<f32>> {
     let (mut walked, mut shares) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS {
-        let hints = Hints::of(looks, links, seeds, &shares);
-        let hints = told.into_iter().fold(hints, Hints::with_told);
+        let hints = Hints::of(appearance, links, seeds, &shares);
+        let hints = guides.into_iter().fold(hints, Hints::with_guides);
         let before = if round == 0 { Before::Nothing } else { Before::Nearly(&walked) };
         walked = spread(links, seeds, before, PULL, Some(&hints));
         shares = weighed_by_area(&walked);
@@ -185,7 +201,7 @@ fn grown(looks: &Looks, links: &Links, seeds: &Seeds, told: Option<&Told>) -> Ve
 /// the large one around it too late.
 fn weighed_by_area(shares: &[Vec<f32>]) -> Vec<Vec<f32>> {
     let mean = |plane: &Vec<f32>| plane.iter().sum::<f32>() / plane.len() as f32;
-    let factors: Vec<f32> = shares.iter().map(|plane| mean(plane).max(1e-6).powf(AREA)).collect();
+    let factors: Vec<f32> = shares.iter().map(|plane| mean(plane).max(1e-6).powf(AREA_POWER)).collect();
     let mut weighed = shares.to_vec();
     for i in 0..shares.first().map_or(0, Vec::len) {
         let before: f32 = shares.iter().map(|plane| plane[i]).sum();
@@ -196,10 +212,10 @@ fn weighed_by_area(shares: &[Vec<f32>]) -> Vec<Vec<f32>> {
     weighed
 }
 
-/// The squares of a picture.
+/// Division of a picture into square cells.
 #[derive(Debug)]
-struct Cells {
-    /// Side of the squares, px.
+struct CellGrid {
+    /// Side of the cells, px.
     side: usize,
     width: usize,
     height: usize,
@@ -207,18 +223,19 @@ struct Cells {
     rows: usize,
 }
 
-impl Cells {
+impl CellGrid {
     /// Divides a picture of this size.
     fn of_picture(width: usize, height: usize) -> Self {
-        let side = ((width * height) as f32 / SQUARES).sqrt().round().max(1.0) as usize;
+        let side = ((width * height) as f32 / NUM_CELLS).sqrt().round().max(1.0) as usize;
         Self { side, width, height, columns: width.div_ceil(side), rows: height.div_ceil(side) }
     }
 
+    /// Returns the cell of pixel `i`.
     fn of(&self, i: usize) -> usize {
         i / self.width / self.side * self.columns + i % self.width / self.side
     }
 
-    /// Means of the pixels of each square.
+    /// Returns the mean of the pixels of each cell.
     fn means(&self, at: impl Fn(usize) -> f32 + Sync) -> Vec<f32> {
         let mut means = vec![0.0; self.columns * self.rows];
         means.par_chunks_mut(self.columns.max(1)).enumerate().for_each(|(row, means)| {
@@ -232,16 +249,17 @@ impl Cells {
         means
     }
 
-    /// Share of each square that is in the field of view.
+    /// Returns the share of each cell that lies in the field of view.
     fn inside(&self, field_of_view: &Mask) -> Vec<f32> {
         self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 })
     }
 
-    /// Returns `true` if marks leave less than half of the picture open.
+    /// Returns `true` if marks decide the label of more than half of the picture.
     fn is_mostly_marked(&self, evidence: &Evidence) -> bool {
-        2 * evidence.settled().count() > self.width * self.height
+        2 * evidence.decided().count() > self.width * self.height
     }
 
+    /// Sums up the evidence of the pixels of each cell.
     fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {
         let zeros = vec![vec![0.0; self.columns * self.rows]; num_names];
         let mut seeds = Seeds { weights: zeros.clone(), shares: zeros };
@@ -256,61 +274,59 @@ impl Cells {
         seeds
     }
 
-    /// Adds pixels, each with the name that it shows, where no mark shows a name or speaks of this one.
-    fn lend(&self, seeds: &mut Seeds, lent: &[(usize, usize)]) {
+    /// Adds propagated pixels, each with the name that it shows, to cells where no mark shows any name or
+    /// says something of this one.
+    fn add_propagated(&self, seeds: &mut Seeds, propagated: &[(usize, usize)]) {
         let is_shown: Vec<bool> =
             (0..self.columns * self.rows).map(|cell| seeds.shares.iter().any(|s| s[cell] > 0.0)).collect();
-        let is_spoken_of: Vec<Vec<bool>> =
+        let has_evidence: Vec<Vec<bool>> =
             seeds.weights.iter().map(|weights| weights.iter().map(|w| *w > 0.0).collect()).collect();
-        for &(i, name) in lent {
+        for &(i, name) in propagated {
             let cell = self.of(i);
-            if !is_shown[cell] && !is_spoken_of[name][cell] {
+            if !is_shown[cell] && !has_evidence[name][cell] {
                 seeds.weights.iter_mut().for_each(|weights| weights[cell] += 1.0);
                 seeds.shares[name][cell] += 1.0;
             }
         }
     }
 
-    /// Returns the means of what is told of the pixels of half size in each square.
-    fn told(&self, told: &Told) -> Told {
-        let width = self.width / 2;
-        let half = |i: usize| {
-            let (x, y) = (i % self.width / 2, i / self.width / 2);
-            y.min(self.height / 2 - 1) * width + x.min(width - 1)
-        };
-        let weights = self.means(|i| told.weights[half(i)]);
+    /// Returns the means of the guides' shares at half size in each cell.
+    fn guide_shares(&self, guides: &GuideShares) -> GuideShares {
+        let half = |i: usize| at_half(i, self.width, [self.width / 2, self.height / 2]);
+        let weights = self.means(|i| guides.weights[half(i)]);
         let share = |plane: &Vec<f32>| -> Vec<f32> {
-            let sums = self.means(|i| told.weights[half(i)] * plane[half(i)]);
+            let sums = self.means(|i| guides.weights[half(i)] * plane[half(i)]);
             sums.iter().zip(&weights).map(|(sum, weight)| sum / weight.max(f32::MIN_POSITIVE)).collect()
         };
-        Told { shares: told.shares.iter().map(share).collect(), weights }
+        GuideShares { shares: guides.shares.iter().map(share).collect(), weights }
     }
 
-    /// Returns the mean colours of the squares: red, green, blue, as [`opponents`].
+    /// Returns the mean colours of the cells: red, green, blue, as [`opponents`].
     fn colours(&self, picture: &RgbImage) -> Vec<[f32; 3]> {
         let raw = picture.as_raw();
         let [r, g, b] = [0, 1, 2].map(|c| self.means(|i| f32::from(raw[3 * i + c]) / 255.0));
         (0..r.len()).map(|i| opponents([r[i], g[i], b[i]].map(f32::sqrt))).collect()
     }
 
-    /// Returns the looks of the squares.
-    fn looks(&self, colours: &[[f32; 3]]) -> Looks {
+    /// Returns the features of the appearance of the cells.
+    fn appearance(&self, colours: &[[f32; 3]]) -> AppearanceFeatures {
         let around = |value: &dyn Fn(&[f32; 3]) -> f32| {
             let values: Vec<f32> = colours.iter().map(value).collect();
             window_means(&values, [self.columns, self.rows], AROUND)
         };
         let means = [0, 1, 2].map(|c| around(&|colour| colour[c]));
-        let squares = around(&|colour| colour[0] * colour[0]);
-        let appearance = |i: usize| Appearance {
+        let means_2 = around(&|colour| colour[0] * colour[0]);
+        let of_cell = |i: usize| Appearance {
             colour: colours[i],
             around: [0, 1, 2].map(|c| means[c][i]),
-            roughness: (squares[i] - means[0][i] * means[0][i]).max(0.0).sqrt(),
-            place: [i % self.columns, i / self.columns].map(|at| (at * self.side) as f32 / self.width as f32),
+            roughness: (means_2[i] - means[0][i] * means[0][i]).max(0.0).sqrt(),
+            position: [i % self.columns, i / self.columns]
+                .map(|at| (at * self.side) as f32 / self.width as f32),
         };
-        Looks::new((0..colours.len()).map(appearance))
+        AppearanceFeatures::new((0..colours.len()).map(of_cell))
     }
 
-    /// Links each square with the eight around it that are in the field of view, too.
+    /// Links each cell in the field of view with those of the eight around it that lie there, too.
     fn links(&self, colours: &[[f32; 3]], field_of_view: &Mask) -> Links {
         let inside = self.inside(field_of_view);
         let link = |cell: usize, (dx, dy): (isize, usize)| {
@@ -330,7 +346,7 @@ impl Cells {
         Links::new(inside.len(), each.collect::<Vec<_>>().into_iter())
     }
 
-    /// Interpolates values of squares at every pixel of half size.
+    /// Interpolates values of cells at every pixel of half size.
     fn at_half(&self, values: &[f32]) -> Vec<f32> {
         let [width, height] = [self.width / 2, self.height / 2];
         let place = |at: usize, cells: usize| {
@@ -358,8 +374,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn squares_grow_with_the_picture() {
-        let side = |size: [usize; 2]| Cells::of_picture(size[0], size[1]).side;
+    fn cells_grow_with_the_picture() {
+        let side = |size: [usize; 2]| CellGrid::of_picture(size[0], size[1]).side;
         let sizes = [[40, 20], [320, 256], [427, 240], [640, 512], [854, 480], [1280, 720], [1920, 1080]];
         assert_eq!(sizes.map(side), [1, 2, 2, 4, 4, 6, 9]);
     }

@@ -21,7 +21,7 @@ fn in_chapters<const N: usize>(ranges: [(Range<usize>, Range<usize>); N]) -> Sce
 }
 
 #[test]
-fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
+fn marks_reach_the_next_chapter_as_masks_and_are_redetected_beyond_a_cut() {
     let marks = vec![
         stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
         stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
@@ -29,9 +29,9 @@ fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
     let marks = Marks::new(marks, &canvas()).unwrap();
     // Frame 2 belongs to the second chapter alone, so that a cut parts the third.
     let chapters = in_chapters([(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)]);
-    let mut handed = Handed::new(&marks);
+    let mut chapter_marks = ChapterMarks::new(&marks);
     // The third shot may show another place, in another light.
-    let in_chapter = |handed: &mut Handed, index: usize, light: [u8; 3]| {
+    let in_chapter = |chapter_marks: &mut ChapterMarks, index: usize, light: [u8; 3]| {
         let scene = chapters.of_chapter(index).unwrap();
         let mut pictures = |i| {
             let mut picture = picture(&scene, i)?;
@@ -40,12 +40,12 @@ fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
             }
             Ok(picture)
         };
-        handed.marks(&scene, &mut pictures).unwrap()
+        chapter_marks.marks(&scene, &mut pictures).unwrap()
     };
-    assert_eq!(in_chapter(&mut handed, 0, [0; 3]), marks);
-    let next = in_chapter(&mut handed, 1, [0; 3]);
+    assert_eq!(in_chapter(&mut chapter_marks, 0, [0; 3]), marks);
+    let next = in_chapter(&mut chapter_marks, 1, [0; 3]);
     assert_eq!((next.frames(), next.names()), (vec![2], marks.names()));
-    let far = in_chapter(&mut handed.clone(), 2, [0; 3]);
+    let far = in_chapter(&mut chapter_marks.clone(), 2, [0; 3]);
     assert_eq!((far.frames(), far.names()), (vec![3], marks.names()));
     for found in [next, far] {
         let shown = |name: &str, add: bool| {
@@ -56,10 +56,10 @@ fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
         assert!(liver.at(12, 20) && !liver.at(56, 20));
         assert!(shown("fat", true).at(56, 20) && shown("fat", false).at(12, 20));
     }
-    assert!(in_chapter(&mut handed, 2, [20, 30, 250]).is_empty(), "another place");
+    assert!(in_chapter(&mut chapter_marks, 2, [20, 30, 250]).is_empty(), "another place");
     let whole = scene();
-    let mut handed = Handed::new(&marks);
-    assert_eq!(handed.marks(&whole, &mut |i| picture(&whole, i)).unwrap(), marks);
+    let mut chapter_marks = ChapterMarks::new(&marks);
+    assert_eq!(chapter_marks.marks(&whole, &mut |i| picture(&whole, i)).unwrap(), marks);
 }
 
 #[test]
@@ -70,19 +70,19 @@ fn marks_reach_a_chapter_from_both_sides() {
     let fat = stroke(5, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]);
     let marks = Marks::new(vec![liver.clone(), fat.clone()], &canvas).unwrap();
     // Returns the marks of a chapter, and the frames that were looked at for them.
-    let of = |handed: &mut Handed, index: usize| {
+    let of = |chapter_marks: &mut ChapterMarks, index: usize| {
         let scene = chapters.of_chapter(index).unwrap();
         let mut frames = Vec::new();
         let mut pictures = |i| {
             frames.push(i);
             picture(&scene, i)
         };
-        let found = handed.marks(&scene, &mut pictures).unwrap();
+        let found = chapter_marks.marks(&scene, &mut pictures).unwrap();
         (found, frames)
     };
-    let mut handed = Handed::new(&marks);
+    let mut chapter_marks = ChapterMarks::new(&marks);
     for (index, by_hand) in [(0, vec!["liver"]), (1, vec![]), (2, vec!["fat"])] {
-        let (found, _) = of(&mut handed, index);
+        let (found, _) = of(&mut chapter_marks, index);
         assert_eq!(found.names(), marks.names());
         for name in ["liver", "fat"] {
             let mut shown = found.all().iter().filter(|mark| mark.name == name && mark.add);
@@ -94,9 +94,9 @@ fn marks_reach_a_chapter_from_both_sides() {
     }
     // Another mark at the end leaves what came from the beginning, and not what it may change.
     let more = Marks::new(vec![liver, fat, stroke(5, "fat", true, &[[60.0, 8.0]])], &canvas).unwrap();
-    let mut handed = handed.for_marks(&chapters, &more);
-    assert!(of(&mut handed, 2).1.is_empty(), "it is known already");
-    assert!(!of(&mut handed, 0).1.is_empty());
+    let mut chapter_marks = chapter_marks.for_marks(&chapters, &more);
+    assert!(of(&mut chapter_marks, 2).1.is_empty(), "it is known already");
+    assert!(!of(&mut chapter_marks, 0).1.is_empty());
 }
 
 #[test]
@@ -110,8 +110,8 @@ fn what_a_name_is_not_in_another_chapter_takes_nothing_away() {
     ];
     let marks_in = |marks: &[Mark], index: usize| {
         let scene = chapters.of_chapter(index).unwrap();
-        let mut handed = Handed::new(&Marks::new(marks.to_vec(), &canvas).unwrap());
-        handed.marks(&scene, &mut |i| picture(&scene, i)).unwrap()
+        let mut chapter_marks = ChapterMarks::new(&Marks::new(marks.to_vec(), &canvas).unwrap());
+        chapter_marks.marks(&scene, &mut |i| picture(&scene, i)).unwrap()
     };
     let shows = |marks: &Marks, name: &str| marks.all().iter().any(|mark| mark.add && mark.name == name);
     for index in [1, 2] {
@@ -135,10 +135,10 @@ fn corrections_of_what_the_scene_finds_stay_in_their_chapter() {
         stroke(0, "liver", false, &[[8.0, 10.0], [20.0, 40.0]]),
         stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
     ];
-    let mut handed = Handed::new(&Marks::new(marks, &canvas).unwrap());
+    let mut chapter_marks = ChapterMarks::new(&Marks::new(marks, &canvas).unwrap());
     let scene = chapters.of_chapter(1).unwrap();
     assert!(scene.finds("liver") && !scene.finds("fat"));
-    let found = handed.marks(&scene, &mut |i| picture(&scene, i)).unwrap();
+    let found = chapter_marks.marks(&scene, &mut |i| picture(&scene, i)).unwrap();
     assert_eq!(found.names(), ["fat"]);
 }
 
@@ -152,21 +152,21 @@ fn a_chapter_far_away_waits_for_few_others() {
         stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
         stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
     ];
-    let mut handed = Handed::new(&Marks::new(marks, &canvas).unwrap());
+    let mut chapter_marks = ChapterMarks::new(&Marks::new(marks, &canvas).unwrap());
     let scene = chapters.of_chapter(N - 1).unwrap();
     let mut frames = std::collections::BTreeSet::new();
     let mut pictures = |i| {
         frames.insert(i);
         picture(&scene, i)
     };
-    let found = handed.marks(&scene, &mut pictures).unwrap();
+    let found = chapter_marks.marks(&scene, &mut pictures).unwrap();
     assert_eq!(found.names(), ["fat", "liver"]);
     // The marked frame, and those from the sixteenth chapter on.
     assert!(frames.first() == Some(&0) && frames.iter().skip(1).all(|frame| *frame >= 31), "{frames:?}");
 }
 
 #[test]
-fn what_has_left_the_view_is_found_again_by_its_looks() {
+fn names_that_left_the_view_are_redetected_by_their_appearance() {
     let strokes = vec![
         stroke(0, "liver", true, &[[6.0, 10.0], [12.0, 40.0]]),
         stroke(0, "fat", true, &[[58.0, 10.0], [52.0, 40.0]]),
@@ -182,12 +182,12 @@ fn what_has_left_the_view_is_found_again_by_its_looks() {
         }
         Ok(picture)
     };
-    let by_hand = again::ByHand { scene: &scene, all: &marks, heard: &marks };
-    let (mut examples, clip) = (again::Examples::default(), ["clip".to_owned()]);
+    let by_hand = redetect::ByHand { scene: &scene, all: &marks, source_marks: &marks };
+    let (mut examples, clip) = (redetect::Examples::default(), ["clip".to_owned()]);
     let mut found = |later: [u32; 2]| {
         let seen = |i: usize| if i == 0 { Some([18, 14]) } else { Some(later).filter(|_| i == 3) };
         let mut pictures = |i: usize| pictures(i, seen(i));
-        examples.found_again(&clip, by_hand, &(1..4), &mut pictures).unwrap()
+        examples.redetect(&clip, by_hand, &(1..4), &mut pictures).unwrap()
     };
     let back = found([22, 20]);
     let [mark, not] = &back[..] else { panic!("{} marks", back.len()) };
@@ -199,16 +199,16 @@ fn what_has_left_the_view_is_found_again_by_its_looks() {
     assert!(right == pixels.count() && right > 100, "{right} of {}", pixels.count());
     assert!((not.0, not.1) == (3, false) && not.2.count() > 1000, "{not:?}");
     assert!((0..pixels.data.len()).all(|i| !(not.2.data[i] && is_clip(i))));
-    // Of what has left the view but for a rest, the rest does not count.
+    // A mask of a name that has all but left the view is dropped.
     let mut kept = |pixels: usize| {
         let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i < pixels).collect());
         let mark = Mark::new(1, "clip", true, Shape::from(&mask));
         let mut pictures = |i: usize| pictures(i, Some([18, 14]));
-        let kept = examples.without_rests(vec![mark], by_hand, &(1..4), &mut pictures);
+        let kept = examples.drop_vanished(vec![mark], by_hand, &(1..4), &mut pictures);
         kept.unwrap().len()
     };
     assert_eq!([kept(3), kept(60)], [0, 1]);
-    let nowhere = again::Examples::default()
-        .found_again(&clip, by_hand, &(1..4), &mut |i| pictures(i, Some([18, 14]).filter(|_| i == 0)));
+    let nowhere = redetect::Examples::default()
+        .redetect(&clip, by_hand, &(1..4), &mut |i| pictures(i, Some([18, 14]).filter(|_| i == 0)));
     assert!(nowhere.unwrap().is_empty());
 }

@@ -3,8 +3,8 @@
 use super::{
     Evidence, Graph, Marks,
     carried::keep_marked,
+    frame_splats::FrameSplats,
     seeds::Seeds,
-    seen::Seen,
     spread::{Before, spread},
 };
 use crate::{Result, camera::Camera, grid::Grid, scene::Scene};
@@ -67,7 +67,7 @@ impl Correction {
         if self.evidence.is_empty() {
             return;
         }
-        let blended = Seen::of(scene, camera, time).blend(&self.change, 1);
+        let blended = FrameSplats::of(scene, camera, time).blend(&self.change, 1);
         let changed = scores.data.iter().zip(blended.value(0)).map(|(s, c)| (s + c).clamp(0.0, 1.0));
         let mut planes = [changed.collect::<Vec<f32>>()];
         if let Some(evidence) = frame.and_then(|frame| self.evidence.get(&frame)) {

@@ -42,8 +42,8 @@ impl Evidence {
         each.filter(|(_, evidence)| !evidence.is_empty()).collect()
     }
 
-    /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines tell of their own
-    /// pixels alone, but for names that no click or stroke shows.
+    /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines decide
+    /// their own pixels alone, but for names that no click or stroke shows.
     /// `all` is the evidence of all marks. Returns the frames, too, on which clicks or strokes say something.
     pub(super) fn of_growing(
         marks: &Marks,
@@ -123,11 +123,11 @@ impl Evidence {
         pixels.filter(|(_, verdicts)| verdicts.iter().any(|v| *v != 0)).map(|(i, _)| i)
     }
 
-    /// Returns the pixels that nothing is open of: they show a name, or are denied all.
-    pub(super) fn settled(&self) -> impl Iterator<Item = usize> {
-        let is_settled = |verdicts: &[i8]| verdicts.iter().any(|v| *v > 0) || verdicts.iter().all(|v| *v < 0);
+    /// Returns the pixels whose label is decided: marks show a name there, or deny every name.
+    pub(super) fn decided(&self) -> impl Iterator<Item = usize> {
+        let is_decided = |verdicts: &[i8]| verdicts.iter().any(|v| *v > 0) || verdicts.iter().all(|v| *v < 0);
         let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();
-        pixels.filter(move |(_, verdicts)| is_settled(verdicts)).map(|(i, _)| i)
+        pixels.filter(move |(_, verdicts)| is_decided(verdicts)).map(|(i, _)| i)
     }
 
     /// Returns weight and share planes of some names: [names][pixels] each.

@@ -1,8 +1,8 @@
 //! The graph of Gaussians that look alike, lie near and move together.
 
 use super::{
+    appearance::{Appearance, AppearanceFeatures, opponents},
     links::Links,
-    looks::{Appearance, Looks, opponents},
 };
 use crate::{deform::deform, gaussian::SH_C0, scene::Scene};
 use glam::Vec3;
@@ -10,7 +10,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 
-/// Numbers by which Gaussians are compared: three places along the way, and a colour.
+/// Numbers by which Gaussians are compared: three projected positions along the path, and a colour.
 const DIM: usize = 9;
 /// Neighbours of each Gaussian, itself included.
 const NEIGHBOURS: usize = 12;
@@ -25,7 +25,7 @@ pub struct Graph {
     /// Revision of the scene that the graph is of.
     revision: [u64; 2],
     pub(super) links: Links,
-    pub(super) looks: Looks,
+    pub(super) appearance: AppearanceFeatures,
 }
 
 impl Graph {
@@ -37,7 +37,7 @@ impl Graph {
             near.into_iter().map(move |(j, distance_2)| (i as u32, j, (-0.5 * distance_2).exp()))
         };
         let links = Links::new(points.len(), nearest(&points).into_iter().enumerate().flat_map(linked));
-        Self { revision: scene.revision(), links, looks: looks(scene, &points) }
+        Self { revision: scene.revision(), links, appearance: appearance(scene, &points) }
     }
 
     /// Returns `true` if this is the graph of `scene` as it is now.
@@ -79,15 +79,16 @@ fn points(scene: &Scene) -> Vec<[f32; DIM]> {
     points
 }
 
-/// Returns the looks; places are those of the middle frame. A Gaussian has no roughness.
-fn looks(scene: &Scene, points: &[[f32; DIM]]) -> Looks {
+/// Returns the appearance of the Gaussians; positions are those of the middle frame. A Gaussian has no
+/// roughness.
+fn appearance(scene: &Scene, points: &[[f32; DIM]]) -> AppearanceFeatures {
     let width = scene.cameras.first().map_or(1.0, |camera| camera.width as f32);
-    let place = PLACE_PX * 3.0_f32.sqrt() / width;
-    let appearance = |p: &[f32; DIM]| {
+    let scale = PLACE_PX * 3.0_f32.sqrt() / width;
+    let of_point = |p: &[f32; DIM]| {
         let colour = opponents([6, 7, 8].map(|c| p[c] * COLOUR));
-        Appearance { colour, around: colour, roughness: 0.0, place: [2, 3].map(|c| p[c] * place) }
+        Appearance { colour, around: colour, roughness: 0.0, position: [2, 3].map(|c| p[c] * scale) }
     };
-    Looks::new(points.iter().map(appearance))
+    AppearanceFeatures::new(points.iter().map(of_point))
 }
 
 fn finite(value: f32) -> f32 {

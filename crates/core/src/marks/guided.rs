@@ -12,34 +12,35 @@ use fearless_simd_macros::simd;
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Side of the squares whose means the fit uses, px; and of those of half the size.
+/// Side of the cells whose means the fit uses, px; and of those at half size.
 const CELL: usize = 4;
 const HALF_CELL: usize = CELL / 2;
-/// Half the window, in widths of the picture; at least one square.
+/// Half the window, in widths of the picture; at least one cell.
 const REACH: f32 = 0.024;
 /// Addend to the variances of colours, of 0 to 1: slopes of less contrast are not followed.
 const SMOOTHING: f32 = 3e-4;
 
-/// Returns half the window in squares.
+/// Returns half the window in cells.
 fn reach(columns: usize) -> usize {
     (REACH * columns as f32).round().max(1.0) as usize
 }
 
-/// A picture to filter by, with everything that does not depend on the shares.
-pub(super) struct Guide {
+/// The filter of one picture, with everything that does not depend on the shares.
+pub(super) struct GuidedFilter {
     picture: RgbImage,
-    /// Mean colours of the squares.
+    /// Mean colours of the cells.
     small: Grid<[f32; 3]>,
     /// Mean colour of each window, and the inverse covariance: xx, xy, xz, yy, yz, zz.
     means: Vec<[f32; 3]>,
     inverses: Vec<[f32; 6]>,
 }
 
-impl Guide {
+impl GuidedFilter {
+    /// Prepares the filter of a picture.
     pub(super) fn new(picture: RgbImage) -> Self {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let raw = picture.as_raw();
-        // What is left over at the right and at the bottom belongs to the last squares.
+        // What is left over at the right and at the bottom belongs to the last cells.
         let columns = (width / 2).div_ceil(HALF_CELL);
         let rows = (height / 2).div_ceil(HALF_CELL);
         let colour = |i: usize| std::array::from_fn(|c| f32::from(raw[3 * i + c]) / 255.0);
@@ -122,7 +123,7 @@ impl Guide {
     }
 }
 
-/// Applies coefficients at the middles of squares to a row of pixels.
+/// Applies coefficients at the middles of cells to a row of pixels.
 #[simd]
 fn apply_row<S: Simd>(_: S, fits: &[[f32; 4]], pixels: &[[u8; 3]], out: &mut [f32]) {
     // Left of the first middle, between each two, and what is left over.
@@ -156,7 +157,7 @@ fn applied([left, right]: [[f32; 4]; 2], pixels: &[[u8; 3]; CELL]) -> [f32; CELL
     std::array::from_fn(|j| value(j).clamp(0.0, 1.0))
 }
 
-/// Means of squares of `cell`² pixels; the last ones of a row or column may be larger or smaller.
+/// Returns the means of cells of `cell`² pixels; the last ones of a row or column may be larger or smaller.
 fn shrunk<const N: usize>(
     [width, height]: [usize; 2],
     cell: usize,
@@ -199,10 +200,10 @@ mod tests {
     #[test]
     fn borders_move_to_those_of_the_picture() {
         let colour = |x: u32| if x < 240 { [200, 60, 50] } else { [60, 90, 70] };
-        let guide = Guide::new(RgbImage::from_fn(480, 32, |x, _| Rgb(colour(x))));
+        let filter = GuidedFilter::new(RgbImage::from_fn(480, 32, |x, _| Rgb(colour(x))));
         // Six pixels too far to the right.
         let shares: Vec<f32> = (0..240 * 16).map(|i| if i % 240 < 123 { 1.0 } else { 0.0 }).collect();
-        let filtered = guide.filter(&shares);
+        let filtered = filter.filter(&shares);
         let row = &filtered[16 * 480..17 * 480];
         assert!(row[238] > 0.5 && row[241] < 0.5, "{:?}", &row[230..250]);
         assert!(row[20] > 0.95 && row[460] < 0.05);
@@ -210,8 +211,8 @@ mod tests {
 
     #[test]
     fn a_flat_picture_keeps_constant_shares() {
-        let guide = Guide::new(RgbImage::from_pixel(10, 7, Rgb([9, 9, 9])));
-        assert!(guide.filter(&[0.25; 15]).iter().all(|v| (v - 0.25).abs() < 1e-4));
+        let filter = GuidedFilter::new(RgbImage::from_pixel(10, 7, Rgb([9, 9, 9])));
+        assert!(filter.filter(&[0.25; 15]).iter().all(|v| (v - 0.25).abs() < 1e-4));
         let inverse = inverse_of([2.0, 0.0, 0.0, 4.0, 0.0, 5.0]);
         assert_eq!(inverse, [0.5, 0.0, 0.0, 0.25, 0.0, 0.2]);
     }

@@ -1,113 +1,123 @@
-//! Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches.
+//! Weak seeds at all nodes that look like marked ones: they reach parts that no mark touches.
 
 use super::{
+    appearance::{AppearanceFeatures, Prediction, Unlabelled},
     links::Links,
-    looks::{Answers, Looks},
     seeds::Seeds,
 };
 
-/// Share of a name from which on a marked thing is an example of the name's looks.
-const EXAMPLE: f32 = 0.5;
-/// Part of all shares from which on a thing that is not marked is one.
-const CLEAR: f32 = 0.7;
-/// Part of all shares that no name has, from which on the name of a thing that is not marked is open.
-const OPEN: f32 = 0.3;
-/// Variance of an open thing's answer where half of the picture has a name. Where less has, most that is open
-/// shows nothing that was marked, and counts more.
-const NAMED: f64 = 3.0;
-/// Number of marked things of a name that tell its looks well; fewer weigh less.
-const MANY: f32 = 200.0;
-/// Power of answers: names that are hardly less sure do not share a thing.
-const CERTAIN: i32 = 2;
-/// Weight of what another frame tells surely of a thing, beside that of looks.
-const TOLD: f32 = 100.0;
+/// Share of a name above which a marked node is a positive example of it.
+const MIN_MARKED_SHARE: f32 = 0.5;
+/// Share of a name above which a node without marks is a positive example of it.
+const MIN_CLEAR_SHARE: f32 = 0.7;
+/// Share of no name above which a node without marks is an unlabelled example.
+const MIN_UNNAMED_SHARE: f32 = 0.3;
+/// Variance of an unlabelled example where half of the picture has a name. Where less has one, most
+/// unlabelled nodes show nothing that was marked, and count more.
+const EVEN_ODDS_VARIANCE: f64 = 3.0;
+/// Number of marked nodes per name from which on hints have their full weight.
+const MANY_MARKED: f32 = 200.0;
+/// Power of scores: names with close scores do not share a node.
+const SCORE_POWER: i32 = 2;
+/// Weight of the shares of guides where they are certain, beside that of appearance.
+const GUIDE_WEIGHT: f32 = 100.0;
 
-/// A share of each name for each thing, as its looks tell, and how sure that is. What looks like nothing that
-/// is marked has a share of no name.
+/// Share of each name at each node, predicted from appearance, with a weight. A node that looks like no
+/// marked one has a share of no name.
 pub(super) struct Hints {
-    /// [names][things].
+    /// [names][nodes].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Weight of each thing: up to 1 for its looks, more with what is told.
+    /// Weight of each node: up to 1 for its appearance, more with guides.
     pub(super) weights: Vec<f32>,
 }
 
-/// Shares that other marked frames tell.
-pub(super) struct Told {
-    /// [names][things].
+/// Shares looked up from the guides of a frame.
+pub(super) struct GuideShares {
+    /// [names][nodes].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Certainty of the shares of each thing, about 0–1.
+    /// Certainty of the shares of each node, about 0–1.
     pub(super) weights: Vec<f32>,
 }
 
 impl Hints {
-    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
-    /// What is denied all names is an example of none.
-    pub(super) fn of(looks: &Looks, links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
+    /// Predicts the shares. Positive examples of a name are the nodes that are marked so, and those that
+    /// `shares`, if there are any, clearly give to it. Pixels or Gaussians denied for every name are negative
+    /// examples.
+    pub(super) fn of(
+        appearance: &AppearanceFeatures,
+        links: &Links,
+        seeds: &Seeds,
+        shares: &[Vec<f32>],
+    ) -> Self {
         let names = 0..seeds.weights.len();
         let is_marked = |k: usize, i: usize| {
             let (weight, share) = (seeds.weights[k][i], seeds.shares[k][i]);
-            weight > EXAMPLE && share > EXAMPLE * weight
+            weight > MIN_MARKED_SHARE && share > MIN_MARKED_SHARE * weight
         };
         let is_clear = |k: usize, i: usize| {
-            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR)
+            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > MIN_CLEAR_SHARE)
         };
         let marked = |k: usize| (0..links.len()).filter(|i| is_marked(k, *i)).count();
         let counts: Vec<usize> = names.clone().map(marked).collect();
-        let examples = |k: usize| -> Vec<usize> {
+        let positives = |k: usize| -> Vec<usize> {
             (0..links.len()).filter(|i| counts[k] > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect()
         };
         let shows = |i: &usize| names.clone().any(|k| is_marked(k, *i));
-        let is_denied = |i: &usize| names.clone().all(|k| seeds.weights[k][*i] > EXAMPLE) && !shows(i);
-        let is_left = |i: usize| shares.iter().map(|plane| plane[i]).sum::<f32>() < 1.0 - OPEN;
-        let is_open = |i: &usize| links.degrees[*i] > 0.0 && !shows(i) && !is_denied(i) && is_left(*i);
+        let is_denied =
+            |i: &usize| names.clone().all(|k| seeds.weights[k][*i] > MIN_MARKED_SHARE) && !shows(i);
+        let is_unnamed =
+            |i: usize| shares.iter().map(|plane| plane[i]).sum::<f32>() < 1.0 - MIN_UNNAMED_SHARE;
+        let is_unlabelled =
+            |i: &usize| links.degrees[*i] > 0.0 && !shows(i) && !is_denied(i) && is_unnamed(*i);
         let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
-        let open: Vec<usize> = (0..links.len()).filter(is_open).collect();
-        let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();
+        let unlabelled: Vec<usize> = (0..links.len()).filter(is_unlabelled).collect();
+        let positives: Vec<Vec<usize>> = names.clone().map(positives).collect();
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
         let variance = if shares.is_empty() {
-            // The more names there are, the likelier a thing shows one of them.
+            // The more names there are, the likelier a node shows one of them.
             shown.pow(3) as f64
         } else {
             let inside = links.degrees.iter().filter(|degree| **degree > 0.0).count();
-            let odds = inside.saturating_sub(open.len()) as f64 / open.len().max(1) as f64;
-            NAMED * odds.powi(3)
+            let odds = inside.saturating_sub(unlabelled.len()) as f64 / unlabelled.len().max(1) as f64;
+            EVEN_ODDS_VARIANCE * odds.powi(3)
         };
-        let answers = looks.answers(&examples, &denied, (&open, variance));
+        let unlabelled = Unlabelled { nodes: &unlabelled, variance };
+        let prediction = appearance.predict(&positives, &denied, unlabelled);
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
-        Self::weighed(answers, (marked / MANY).min(1.0))
+        Self::from_prediction(prediction, (marked / MANY_MARKED).min(1.0))
     }
 
-    /// Takes what other frames tell alone.
-    pub(super) fn of_told(told: &Told) -> Self {
-        let nothing = vec![0.0; told.weights.len()];
-        Self { shares: vec![nothing.clone(); told.shares.len()], weights: nothing }.with_told(told)
+    /// Takes the shares of guides alone.
+    pub(super) fn from_guides(guides: &GuideShares) -> Self {
+        let zeros = vec![0.0; guides.weights.len()];
+        Self { shares: vec![zeros.clone(); guides.shares.len()], weights: zeros }.with_guides(guides)
     }
 
-    /// Adds what other frames tell of each thing: shares, [names][things], and how sure they are.
-    pub(super) fn with_told(mut self, told: &Told) -> Self {
+    /// Mixes in the shares of guides.
+    pub(super) fn with_guides(mut self, guides: &GuideShares) -> Self {
         for (i, weight) in self.weights.iter_mut().enumerate() {
-            let other = TOLD * told.weights[i];
+            let other = GUIDE_WEIGHT * guides.weights[i];
             let sum = (*weight + other).max(f32::MIN_POSITIVE);
-            for (own, told) in self.shares.iter_mut().zip(&told.shares) {
-                own[i] = (*weight * own[i] + other * told[i]) / sum;
+            for (own, guide) in self.shares.iter_mut().zip(&guides.shares) {
+                own[i] = (*weight * own[i] + other * guide[i]) / sum;
             }
             *weight += other;
         }
         self
     }
 
-    /// Makes answers shares, and leaves what is not known to no name; `trust` is the weight of a sure one.
-    fn weighed(Answers { mut sure, known }: Answers, trust: f32) -> Self {
-        let mut weights = vec![0.0; known.len()];
+    /// Turns scores into shares; no name has the rest. `trust` is the weight of a score of 1.
+    fn from_prediction(Prediction { score: mut shares, nearness }: Prediction, trust: f32) -> Self {
+        let mut weights = vec![0.0; nearness.len()];
         for (i, weight) in weights.iter_mut().enumerate() {
-            let answered: f32 = sure.iter().map(|plane| plane[i]).sum();
-            let none = 1.0 - known[i].min(answered.min(1.0));
-            let largest = sure.iter().map(|plane| plane[i]).fold(none, f32::max);
+            let total: f32 = shares.iter().map(|plane| plane[i]).sum();
+            let none = 1.0 - nearness[i].min(total.min(1.0));
+            let largest = shares.iter().map(|plane| plane[i]).fold(none, f32::max);
             *weight = trust * largest;
-            sure.iter_mut().for_each(|plane| plane[i] = plane[i].powi(CERTAIN));
-            let sum = sure.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(CERTAIN);
-            sure.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
+            shares.iter_mut().for_each(|plane| plane[i] = plane[i].powi(SCORE_POWER));
+            let sum = shares.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(SCORE_POWER);
+            shares.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
         }
-        Self { shares: sure, weights }
+        Self { shares, weights }
     }
 }

@@ -2,48 +2,49 @@
 //!
 //! ```text
 //! marks ─▶ pixels ─▶ spread over the marked frames ─┬▶ looked up along optical flow ─────┐
-//!                    (place, looks)                  └▶ seeds on Gaussians ─▶ spread over ─┴▶ mixed, refined ─▶ scores
+//!                    (place, appearance)             └▶ seeds on Gaussians ─▶ spread over ─┴▶ mixed, refined ─▶ scores
 //!                                                       their graph (place, colour, motion)
 //! ```
 //!
-//! [`Marks`] reads and checks marks, [`Evidence`] tells what they say of each pixel of a frame, and
-//! [`Carried`] answers for every frame. Nothing depends on the order of marks, and a mark and its opposite
-//! leave nothing.
+//! [`Marks`] reads and checks marks, [`Evidence`] sums them up for each pixel of a frame, and [`Carried`]
+//! gives scores on every frame. [`ChapterMarks`] finds the marks that count in each chapter of a long scene.
+//! Nothing depends on the order of marks, and a mark and its opposite leave nothing.
 
-mod again;
+mod appearance;
 mod carried;
 mod cells;
+mod chapter_marks;
 #[cfg(test)]
 mod chapter_tests;
 mod conjugate;
 mod correction;
 mod entry;
 mod evidence;
+mod flow_to_marked;
+mod frame_cache;
+mod frame_splats;
 mod graph;
 mod guided;
-mod handed;
 mod hints;
-mod known;
 mod links;
-mod looks;
+mod marked_frame;
 mod means;
 mod outside;
 mod plan;
 mod read;
+mod redetect;
 mod scores;
 mod seeds;
-mod seen;
 mod spread;
 #[cfg(test)]
 mod tests;
-mod trail;
 
 pub use crate::annotations::{Canvas, Shape};
 pub use carried::{Carried, CarrySettings};
+pub use chapter_marks::ChapterMarks;
 pub use correction::{Correction, ScoresBefore};
 pub use evidence::Evidence;
 pub use graph::Graph;
-pub use handed::Handed;
 pub use scores::{FrameScores, LookHere};
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};

@@ -3,7 +3,7 @@
 use crate::grid::{Grid, Mask};
 use rayon::prelude::*;
 
-/// Side of the squares whose mean doubt is compared, px.
+/// Side of the blocks whose mean doubt is compared, px.
 const LOOKED_AT_PX: usize = 32;
 
 /// Scores of one frame.

@@ -22,7 +22,7 @@ pub(super) struct Seeds {
 }
 
 impl Seeds {
-    /// Seeds that tell nothing of the Gaussians of a scene.
+    /// Returns seeds without evidence for the Gaussians of a scene.
     pub(super) fn none(scene: &Scene, num_names: usize) -> Self {
         let zeros = vec![vec![0.0; scene.gaussians.len()]; num_names];
         Self { weights: zeros.clone(), shares: zeros }

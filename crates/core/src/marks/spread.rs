@@ -1,5 +1,5 @@
-//! Spreads seeds over the graph: a random walker with soft seeds, and a small pull towards what was known
-//! before (Grady 2006, "Random walks for image segmentation").
+//! Spreads seeds over a graph: a random walker with soft seeds, and a small pull towards no change (Grady
+//! 2006, "Random walks for image segmentation").
 //!
 //! For each name: (D + ε + λ (deg − W)) z = D y, with D the weights of the seeds, y their shares, W the graph
 //! and z the shares of all. Without seeds z is 0. It is in 0–1 by the maximum principle, and the shares of
@@ -15,23 +15,23 @@ use super::{
 use crate::lanes::LANES;
 use rayon::prelude::*;
 
-/// Pull of no change, ε: what a walker has to overcome at each thing.
+/// Pull towards no change, ε, at each node.
 pub(super) const PULL: f32 = 1e-5;
-/// Largest weight of a seed; a thing of this many marked pixels follows the marks alone.
-const MOST_WEIGHT: f32 = 30.0;
-/// Weight of a hint that is sure: far less than that of a mark.
-const HINT: f32 = 0.02;
+/// Largest weight of a seed: a node with this many marked pixels follows the marks alone.
+const MAX_SEED_WEIGHT: f32 = 30.0;
+/// Weight of a hint of score 1: far less than that of a mark.
+const HINT_WEIGHT: f32 = 0.02;
 
-/// Knowledge before the walk: shares of each name, [names][things].
+/// Start of the solver: shares of each name, [names][nodes].
 #[derive(Clone, Copy)]
 pub(super) enum Before<'a> {
     /// Nothing.
     Nothing,
-    /// Shares that a walk much like this one came to: it takes less time from there.
+    /// Shares of a similar walk: starting from them takes less time.
     Nearly(&'a [Vec<f32>]),
 }
 
-/// Returns the change of the share of each name, [names][things].
+/// Returns the share of each name, or its change, [names][nodes].
 pub(super) fn spread(
     links: &Links,
     seeds: &Seeds,
@@ -39,20 +39,20 @@ pub(super) fn spread(
     pull: f32,
     hints: Option<&Hints>,
 ) -> Vec<Vec<f32>> {
-    // Diagonal, right side and start of name `k` at thing `i`.
+    // Diagonal, right side and start of name `k` at node `i`.
     let equation = |i: usize, k: usize| {
-        let weight = seeds.weights[k][i].min(MOST_WEIGHT);
+        let weight = seeds.weights[k][i].min(MAX_SEED_WEIGHT);
         let share = seeds.shares[k][i] / seeds.weights[k][i].max(f32::MIN_POSITIVE);
         let x = match before {
             Before::Nothing => 0.0,
             Before::Nearly(shares) => shares[k][i],
         };
         // All names have the same weights of hints.
-        let (sure, hint) = match hints {
-            Some(hints) if links.degrees[i] > 0.0 => (HINT * hints.weights[i], hints.shares[k][i]),
+        let (hint_weight, hint) = match hints {
+            Some(hints) if links.degrees[i] > 0.0 => (HINT_WEIGHT * hints.weights[i], hints.shares[k][i]),
             _ => (0.0, 0.0),
         };
-        [weight + pull + links.degrees[i] + sure, weight * share + sure * hint, x]
+        [weight + pull + links.degrees[i] + hint_weight, weight * share + hint_weight * hint, x]
     };
     let num_names = seeds.weights.len();
     let mut shares = Vec::with_capacity(num_names);
@@ -75,26 +75,27 @@ pub(super) fn spread(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::marks::looks::{Appearance, Looks};
+    use crate::marks::appearance::{Appearance, AppearanceFeatures};
 
     #[test]
-    fn things_that_look_like_denied_ones_are_not_found() {
-        // Marked ones, some that may be denied, and two that lie elsewhere and look more like the latter.
+    fn nodes_that_look_like_denied_ones_are_not_found() {
+        // Marked nodes, some that may be denied, and two that lie elsewhere and look more like the latter.
         let counts = [(0.50, 300), (0.62, 300), (0.59, 2)];
-        let appearance = |light: f32| Appearance {
+        let of_light = |light: f32| Appearance {
             colour: [light, 0.0, 0.0],
             around: [light, 0.0, 0.0],
             roughness: 0.0,
-            place: [0.5; 2],
+            position: [0.5; 2],
         };
-        let looks =
-            Looks::new(counts.into_iter().flat_map(|(light, n)| (0..n).map(move |_| appearance(light))));
+        let appearance = AppearanceFeatures::new(
+            counts.into_iter().flat_map(|(light, n)| (0..n).map(move |_| of_light(light))),
+        );
         let links = Links::new(602, std::iter::once((600, 601, 1e-3)));
         let share = |denied: f32| {
             let weights = [vec![1.0; 300], vec![denied; 300], vec![0.0; 2]].concat();
             let shares = [vec![1.0; 300], vec![0.0; 302]].concat();
             let seeds = Seeds { weights: vec![weights], shares: vec![shares] };
-            let hints = Hints::of(&looks, &links, &seeds, &[]);
+            let hints = Hints::of(&appearance, &links, &seeds, &[]);
             spread(&links, &seeds, Before::Nothing, PULL, Some(&hints))[0][600]
         };
         assert!(share(0.0) > 0.5 && share(1.0) < 0.5, "{} {}", share(0.0), share(1.0));

@@ -175,7 +175,7 @@ fn outlines_correct_strokes_where_they_are_and_grow_no_further() {
     ];
     let marks = Marks::new(marks, &canvas()).unwrap();
     // The box has no border in the picture.
-    let settings = CarrySettings { refines: false, ..CarrySettings::default() };
+    let settings = CarrySettings { refines_borders: false, ..CarrySettings::default() };
     let on = |frames: &[usize]| {
         let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, settings);
         let each = frames.iter().map(|f| carried.on_frame(&scene, *f, &mut |i| picture(&scene, i)).unwrap());
@@ -200,7 +200,7 @@ fn an_outlined_structure_ends_at_its_outline() {
     let marks =
         |marks: &[Mark]| Marks::new(marks.to_vec(), &canvas()).unwrap().with_outsides(&scene, &(0..FRAMES));
     let alone = marks(std::slice::from_ref(&whole));
-    let settings = CarrySettings { refines: false, ..CarrySettings::default() };
+    let settings = CarrySettings { refines_borders: false, ..CarrySettings::default() };
     let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &alone, settings);
     for frame in 0..FRAMES {
         let liver = &carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap().scores[0];

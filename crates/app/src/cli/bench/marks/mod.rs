@@ -85,19 +85,24 @@ impl Measure for BenchMarksArgs {
         for (name, settings) in parts() {
             add(bench.by_rule(&format!("full masks, {name}"), Rule::Mask, &[middle], settings)?);
         }
-        let whole = CarrySettings::default();
-        add(bench.by_rule("full masks, borders 5 px off", Rule::Sloppy, &[middle], whole)?);
-        add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], whole)?);
-        add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], whole)?);
+        let all_parts = CarrySettings::default();
+        add(bench.by_rule("full masks, borders 5 px off", Rule::Sloppy, &[middle], all_parts)?);
+        add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], all_parts)?);
+        add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], all_parts)?);
         for (name, rule) in [("full masks", Rule::Mask), ("one stroke per class", Rule::Stroke)] {
             let way = format!("{name}, every other class on another frame");
             let marks = Marks::new(bench.alternately(rule, [middle, 5 * n / 6])?, &bench.canvas)?;
-            add(bench.by_marks(&way, &marks, whole)?);
+            add(bench.by_marks(&way, &marks, all_parts)?);
         }
         for (name, rule) in [("full mask", Rule::Mask), ("one stroke", Rule::Stroke)] {
             add(bench.by_classes(&format!("{name} of every class by itself"), rule, middle)?);
         }
-        add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
+        add(bench.by_rule(
+            "strokes on three frames",
+            Rule::Stroke,
+            &[n / 6, middle, 5 * n / 6],
+            all_parts,
+        )?);
         bench.corrected("corrections", middle, |_| true, Bench::painted_over, &mut add)?;
         let complete = bench.frames_like(middle)?;
         let may = |frame: usize| complete.contains(&frame);
@@ -115,11 +120,11 @@ impl Measure for BenchMarksArgs {
 
 /// Parts of the method that are left out, one by one.
 fn parts() -> [(&'static str, CarrySettings); 3] {
-    let whole = CarrySettings::default();
+    let all_parts = CarrySettings::default();
     [
-        ("Gaussians alone", CarrySettings { looks_up: false, ..whole }),
-        ("flow not mended", CarrySettings { mends: false, ..whole }),
-        ("borders not refined", CarrySettings { refines: false, ..whole }),
+        ("Gaussians alone", CarrySettings { uses_flow: false, ..all_parts }),
+        ("flow not mended", CarrySettings { corrects_drift: false, ..all_parts }),
+        ("borders not refined", CarrySettings { refines_borders: false, ..all_parts }),
     ]
 }
 

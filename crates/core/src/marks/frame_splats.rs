@@ -1,4 +1,4 @@
-//! Gaussians as a frame shows them, and values of theirs blended.
+//! Gaussians projected to the picture of a frame, and values of theirs blended there.
 
 use crate::{
     camera::Camera,
@@ -11,23 +11,25 @@ use crate::{
     },
     scene::Scene,
 };
+
 /// Smallest alpha at which blended values are divided by it.
 const MIN_ALPHA: f32 = 1e-3;
 
-/// The Gaussians of a scene, as seen at a time from a camera.
-pub(super) struct Seen {
+/// Splats of the Gaussians of a scene, at a time and from a camera.
+pub(super) struct FrameSplats {
     camera: Camera,
     splats: Vec<Splat<f32>>,
     bins: Bins,
 }
 
-impl Seen {
-    /// A frame at half size, rounded down.
+impl FrameSplats {
+    /// Projects the Gaussians to a frame at half size, rounded down.
     pub(super) fn at_half(scene: &Scene, frame: usize) -> Self {
         let camera = scene.cameras[frame];
         Self::of(scene, camera.resized(camera.width / 2, camera.height / 2), scene.time(frame))
     }
 
+    /// Projects the Gaussians to a view.
     pub(super) fn of(scene: &Scene, camera: Camera, time: f32) -> Self {
         let deformed = deform(&scene.gaussians, &scene.deformation, time, false);
         let splats = project_all(&scene.gaussians, &deformed, &camera);
@@ -55,6 +57,7 @@ pub(super) struct Blended {
 }
 
 impl Blended {
+    /// Returns the plane of value `k`.
     pub(super) fn value(&self, k: usize) -> &[f32] {
         self.images.plane(FEATURE_PLANE + k)
     }

@@ -1,0 +1,170 @@
+//! Marked frames with a share for every pixel, and lookup of these shares from other frames.
+
+use super::{Evidence, flow_to_marked::FlowToMarked, means::window_means, seeds::Seeds};
+use crate::{
+    flow::{Vector, around},
+    grid::{Grid, Mask},
+    scene::Scene,
+};
+use rayon::prelude::*;
+use std::{collections::BTreeSet, ops::Range};
+
+/// Difference of luminance between a pixel and the one it is looked up from at which the likeness is one
+/// half, 8-bit levels.
+const HALF_LIKENESS: f32 = 8.0;
+/// Half the side of the windows in which pictures are compared, px of half size.
+const COMPARED_PX: usize = 2;
+/// Weight of pixels of a marked frame without a mark.
+const UNMARKED_WEIGHT: f32 = 0.3;
+
+/// A marked frame at half size, with a share for every pixel.
+pub(super) struct MarkedFrame {
+    pub(super) luma: Grid<f32>,
+    /// Flow from the frames around to this one.
+    pub(super) flows: FlowToMarked,
+    /// Shares segmented from its own marks and its guides, [names][pixels].
+    pub(super) own_shares: Vec<Vec<f32>>,
+    /// The same at full size, on the frame that was segmented last.
+    pub(super) full_size_shares: Option<Vec<Vec<f32>>>,
+    /// Own shares mixed with those of the nearest marked frames, once that was needed; `None` if there are
+    /// none.
+    pub(super) shares_with_neighbours: Option<Vec<Vec<f32>>>,
+    /// Weight of each pixel: 1 if its label is decided by a mark.
+    pub(super) weights: Vec<f32>,
+    /// Names whose marks were propagated here from other frames.
+    pub(super) propagated_names: BTreeSet<usize>,
+    /// `true` if the frame knows all names, by its own marks, by its guides or by propagation. Else its
+    /// pixels of no name may show a name that it does not know.
+    pub(super) knows_all_names: bool,
+}
+
+impl MarkedFrame {
+    /// Returns the shares with those of the nearest marked frames, if these were needed; else its own.
+    pub(super) fn shares(&self) -> &[Vec<f32>] {
+        self.shares_with_neighbours.as_ref().unwrap_or(&self.own_shares)
+    }
+
+    /// Returns the weight of this frame at each pixel of another one, which `flow` leads from. `of` returns
+    /// the weight where both look the same, from the weight of the pixel here.
+    pub(super) fn lookup_weights(
+        &self,
+        flow: &Grid<Vector>,
+        luma: &Grid<f32>,
+        field_of_view: &Mask,
+        of: impl Fn(f32) -> f32 + Sync,
+    ) -> Grid<f32> {
+        let mut weights = likeness(luma, &self.luma, flow, field_of_view);
+        weights.data.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
+            *weight *= flow_target(flow, i).map_or(0.0, |at| of(self.weights[at]));
+        });
+        weights
+    }
+
+    /// Returns the known share of each pixel; the rest may show names that the frame does not know.
+    pub(super) fn known_share(&self) -> Vec<f32> {
+        let known = |(i, weight): (usize, &f32)| {
+            let is_known = self.knows_all_names || *weight > UNMARKED_WEIGHT;
+            if is_known { 1.0 } else { self.own_shares.iter().map(|plane| plane[i]).sum::<f32>().min(1.0) }
+        };
+        self.weights.iter().enumerate().map(known).collect()
+    }
+
+    /// Adds the shares of this frame to the seeds of the Gaussians. Pixels outside the field of view do not
+    /// count.
+    pub(super) fn seed(&self, seeds: &mut Seeds, scene: &Scene, frame: usize) {
+        let (width, height) = (self.luma.width, self.luma.height);
+        let field_of_view = scene.field_of_view.sampled(width, height);
+        let weight = |(w, inside): (&f32, &bool)| if *inside { *w } else { 0.0 };
+        let weights: Vec<f32> = self.weights.iter().zip(&field_of_view.data).map(weight).collect();
+        let known: Vec<f32> =
+            weights.iter().zip(self.known_share()).map(|(weight, known)| weight * known).collect();
+        let planes = |names: Range<usize>| {
+            let shares = self.own_shares[names.clone()].iter().flat_map(|plane| plane.iter().zip(&weights));
+            (known.repeat(names.len()), shares.map(|(share, weight)| share * weight).collect())
+        };
+        let camera = scene.cameras[frame].resized(width as u32, height as u32);
+        seeds.add_pixels(scene, camera, scene.time(frame), planes);
+    }
+
+    /// Mixes the shares of unmarked pixels with those of marked pixels of another frame, looked up along
+    /// `flow`.
+    pub(super) fn blend_neighbour(
+        &self,
+        shares: &mut [Vec<f32>],
+        other: &Self,
+        flow: &Grid<Vector>,
+        field_of_view: &Mask,
+    ) {
+        let marked = |weight: f32| if weight > UNMARKED_WEIGHT { weight } else { 0.0 };
+        let mut weights = other.lookup_weights(flow, &self.luma, field_of_view, marked);
+        weights.data.iter_mut().zip(&self.weights).for_each(|(w, own)| {
+            *w = if *own > UNMARKED_WEIGHT { 0.0 } else { *w / (UNMARKED_WEIGHT + *w) };
+        });
+        shares.par_iter_mut().zip(&other.own_shares).for_each(|(plane, other)| {
+            plane.iter_mut().zip(&weights.data).for_each(|(v, w)| *v *= 1.0 - w);
+            add_looked_up(plane, other, flow, &weights);
+        });
+    }
+}
+
+/// Returns the weights of the pixels of a marked frame at half size, which is the size of `luma`.
+pub(super) fn weights(evidence: &Evidence, luma: &Grid<f32>, full_width: usize) -> Vec<f32> {
+    let mut weights = vec![UNMARKED_WEIGHT; luma.data.len()];
+    for i in evidence.decided() {
+        weights[at_half(i, full_width, [luma.width, luma.height])] = 1.0;
+    }
+    weights
+}
+
+/// Returns the pixel at half size that holds pixel `i` of a picture that is `full_width` wide.
+pub(super) fn at_half(i: usize, full_width: usize, [width, height]: [usize; 2]) -> usize {
+    let (x, y) = (i % full_width / 2, i / full_width / 2);
+    y.min(height - 1) * width + x.min(width - 1)
+}
+
+/// Returns the first pixel, of a picture that is `full_width` wide, in pixel `i` of a picture at half size.
+pub(super) fn at_full_size(i: usize, full_width: usize, half_width: usize) -> usize {
+    2 * (i / half_width) * full_width + 2 * (i % half_width)
+}
+
+/// Returns the pixel that the flow of pixel `i` leads to, if it lies in the picture.
+pub(super) fn flow_target(flow: &Grid<Vector>, i: usize) -> Option<usize> {
+    let (width, height) = (flow.width, flow.height);
+    let [x, y] = [(i % width) as f32 + flow.data[i][0], (i / width) as f32 + flow.data[i][1]];
+    let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
+    is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)
+}
+
+/// Returns the likeness of a frame and another one, looked up along `flow`, around each pixel, 0–1; 0 where
+/// the flow leads out of the field of view.
+pub(super) fn likeness(
+    luma: &Grid<f32>,
+    other: &Grid<f32>,
+    flow: &Grid<Vector>,
+    field_of_view: &Mask,
+) -> Grid<f32> {
+    let (width, height) = (flow.width, flow.height);
+    let field_of_view = field_of_view.sampled(width, height);
+    let target = |i: usize| flow_target(flow, i).filter(|at| field_of_view.data.get(*at).is_none_or(|v| *v));
+    let mut differences = vec![0.0; width * height];
+    differences.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, d)| {
+        *d = target(i).map_or(255.0, |at| (luma.data[i] - other.data[at]).abs());
+    });
+    let mut likeness = window_means(&differences, [width, height], COMPARED_PX);
+    likeness.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, v)| {
+        *v = if target(i).is_some() { 1.0 / (1.0 + (*v / HALF_LIKENESS).powi(2)) } else { 0.0 };
+    });
+    Grid::from_vec(width, height, likeness)
+}
+
+/// Adds weight · marked(x + flow) to every pixel x.
+pub(super) fn add_looked_up(plane: &mut [f32], marked: &[f32], flow: &Grid<Vector>, weights: &Grid<f32>) {
+    let width = flow.width;
+    for (i, value) in plane.iter_mut().enumerate() {
+        let [u, v] = flow.data[i];
+        let target = [(i % width) as f32 + u, (i / width) as f32 + v];
+        let (offsets, parts) = around(width, flow.height, target);
+        let looked_up: f32 = offsets.iter().zip(parts).map(|(offset, part)| part * marked[*offset]).sum();
+        *value += weights.data[i] * looked_up;
+    }
+}
