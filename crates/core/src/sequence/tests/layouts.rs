@@ -261,7 +261,10 @@ fn raw_endovis18_has_coloured_labels_and_a_calibration() {
     let sequence = Sequence::open(&folder.path().join("seq_1")).unwrap();
     assert_eq!((sequence.layout(), sequence.name()), (Layout::EndoVis18, "seq_1".to_owned()));
     let camera = sequence.camera(1);
-    assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (1084.2, 1084.1, 5.5, 2.5));
+    // The calibration is of 1280×1024 pixels, the pictures have 8×6.
+    let expected = [1084.2 / 160.0, 1084.1 * 6.0 / 1024.0, 5.5 / 160.0, 2.5 * 6.0 / 1024.0];
+    let found = [camera.fx, camera.fy, camera.cx, camera.cy];
+    assert!(found.iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-4 * b), "{found:?}");
     assert_eq!(sequence.classes()[1].name, "kidney parenchyma");
     assert!(sequence.labels(0).unwrap().is_none());
     assert_eq!(sequence.labels(1).unwrap().unwrap().row(3)[..3], [0, 4, NO_LABEL]);
