@@ -118,6 +118,11 @@ fn checked(annotations: Vec<Annotation>, canvas: &Canvas) -> Result<Vec<Annotati
     Ok(annotations)
 }
 
+/// Returns the name of a file without its ending.
+fn stem(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
+
 /// Adds the path to an error about what a file holds.
 pub(crate) fn in_file(error: Error, path: &Path) -> Error {
     match error {
@@ -134,7 +139,6 @@ impl Canvas {
 
     /// Returns the frame whose file has this name, with or without the ending.
     fn frame_named(&self, name: &str) -> Option<usize> {
-        let stem = |name: &str| name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned();
         let name = name.rsplit(['/', '\\']).next().unwrap_or(name);
         let wanted = stem(name);
         self.frame_names.iter().position(|known| known == name || stem(known) == wanted)

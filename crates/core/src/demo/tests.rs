@@ -210,7 +210,11 @@ fn a_clip_is_written_again_but_over_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let one = DemoSettings { frames: 1, ..settings(false) };
     write(&one, folder.path(), &mut unobserved).unwrap();
+    let [labels, picture] = ["labels.json", "images/frame_000000.png"].map(|name| folder.path().join(name));
+    std::fs::write(&labels, "[]").unwrap();
+    std::fs::remove_file(&picture).unwrap();
     write(&one, folder.path(), &mut unobserved).unwrap();
+    assert!(std::fs::read(&labels).unwrap() == b"[]" && picture.exists(), "what was changed stays");
     let refused = write(&settings(false), folder.path(), &mut unobserved).unwrap_err();
     assert!(refused.to_string().contains("does not hold this demo"), "{refused}");
     assert_eq!(files_in(&folder.path().join("images")), 1);

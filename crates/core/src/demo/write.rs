@@ -24,11 +24,11 @@ pub fn write(settings: &DemoSettings, folder: &Path, observer: &mut Observer<'_>
     let demo = Demo::new(settings)?;
     let readme = readme(settings);
     claim(settings, folder)?;
-    write_whole(&folder.join("README.txt"), readme.as_bytes())?;
-    write_whole(&folder.join("labels.json"), &to_json(&json!(classes()), folder)?)?;
-    write_whole(&folder.join("sequence.toml"), sequence_toml(&demo).as_bytes())?;
+    write_missing(&folder.join("README.txt"), readme.as_bytes())?;
+    write_missing(&folder.join("labels.json"), &to_json(&json!(classes()), folder)?)?;
+    write_missing(&folder.join("sequence.toml"), sequence_toml(&demo).as_bytes())?;
     if settings.moving_camera {
-        write_whole(&folder.join("transforms.json"), &to_json(&transforms(&demo), folder)?)?;
+        write_missing(&folder.join("transforms.json"), &to_json(&transforms(&demo), folder)?)?;
     }
     let mask = white_where(&demo.field_of_view(), &folder.join("masks"))?;
     let mut tell = |done| Progress::new("recording the demo", done, settings.frames).tell(observer);
@@ -57,6 +57,11 @@ fn claim(settings: &DemoSettings, folder: &Path) -> Result<()> {
     ))
 }
 
+/// Writes a file unless it is there: it may have been changed since.
+fn write_missing(path: &Path, bytes: &[u8]) -> Result<()> {
+    if path.exists() { Ok(()) } else { write_whole(path, bytes) }
+}
+
 /// Writes all files of one frame.
 fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Result<()> {
     let (width, height) = frame.colour.dimensions();
@@ -71,9 +76,9 @@ fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Res
     pictures.into_par_iter().try_for_each(|(kind, picture)| {
         let path = folder.join(kind).join(format!("{name}.png"));
         // A grid always has width × height values.
-        picture.map_or(Ok(()), |picture| write_whole(&path, &png(&picture, &path)?))
+        picture.map_or(Ok(()), |picture| write_missing(&path, &png(&picture, &path)?))
     })?;
-    write_whole(&folder.join("masks").join(format!("{name}.png")), mask)?;
+    write_missing(&folder.join("masks").join(format!("{name}.png")), mask)?;
     let path = folder.join("motion").join(format!("{name}.npy"));
     let motion =
         Array3::from_shape_fn((height as usize, width as usize, 2), |(y, x, c)| frame.motion.at(x, y)[c]);
@@ -81,7 +86,7 @@ fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Res
     motion
         .write_npy(&mut bytes)
         .map_err(|e| Error::io("encode the motion", &path, std::io::Error::other(e)))?;
-    write_whole(&path, &bytes)
+    write_missing(&path, &bytes)
 }
 
 fn png(picture: &DynamicImage, path: &Path) -> Result<Vec<u8>> {

@@ -1,7 +1,7 @@
 //! Corrections of a class that the scene knows by its features.
 
 use super::{
-    Evidence, Graph, Marks,
+    Evidence, Graph, Mark, Marks,
     carried::keep_marked,
     frame_splats::FrameSplats,
     seeds::Seeds,
@@ -46,8 +46,13 @@ impl Correction {
             let mut seeds = Seeds::none(scene, 1);
             for (&frame, own) in &evidence {
                 let scores = before(&name, frame)?;
-                let mut here = marks.on(frame).filter(|mark| mark.name == name);
-                let planes = changes(own, &scores, threshold, here.all(|mark| mark.shape.is_outlined()));
+                let (mut of_name, others): (Vec<&Mark>, Vec<&Mark>) =
+                    marks.on(frame).partition(|mark| mark.name == name);
+                if of_name.is_empty() {
+                    of_name = others;
+                }
+                let is_outlined = of_name.iter().all(|mark| mark.shape.is_outlined());
+                let planes = changes(own, &scores, threshold, is_outlined);
                 seeds.add_pixels(scene, scene.cameras[frame], scene.time(frame), |_| planes.clone());
             }
             let change = spread(&graph.links, &seeds, Before::Nothing, PULL, None).pop().unwrap_or_default();

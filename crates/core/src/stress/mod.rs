@@ -10,7 +10,7 @@ use crate::{
     camera::Camera,
     deform::{BasisShape, Deformation},
     gaussian::Gaussians,
-    raster::{ALPHA_PLANE, DEPTH_PLANE, Images, reference::reference_frame},
+    raster::{ALPHA_PLANE, DEPTH_PLANE, Images, NEAR, reference::reference_frame},
     scene::Scene,
 };
 
@@ -121,7 +121,7 @@ fn shapes(add: &mut Add<'_>) {
 fn places(add: &mut Add<'_>) {
     add("at and behind the near plane", &|g, d| {
         d.weights.fill(0.0);
-        g.means.iter_mut().enumerate().for_each(|(i, m)| m[2] = 0.2 + (i as f32 - 75.0) * 1e-3);
+        g.means.iter_mut().enumerate().for_each(|(i, m)| m[2] = NEAR * (1.0 + (i as f32 - 75.0) * 5e-3));
     });
     add("behind the camera", &|g, _| g.means.iter_mut().for_each(|m| m[2] = -m[2]));
     for far in [1e4, 1e12, 1e30] {

@@ -61,7 +61,7 @@ pub(crate) fn scene(recipe: Recipe) -> Scene {
     for i in 0..n {
         let z = match i % 40 {
             0 => -2.0,   // behind the camera
-            1 => 0.2,    // on the near plane
+            1 => 0.2,    // close to the camera
             2..6 => 3.0, // ties in depth
             _ => rng.random_range(1.5..6.0),
         };

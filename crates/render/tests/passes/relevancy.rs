@@ -73,7 +73,7 @@ fn scores_equal_those_of_the_cpu() {
         let meaningless = Query { meant: Vec::new(), ..query("nothing", 2) };
         let queries =
             [query("liver", 4), query("grasper", 0), misfit, query("fat", 1), uncertain(), meaningless];
-        let settings = RelevancySettings { min_alpha: 0.9, ..Default::default() };
+        let settings = RelevancySettings { min_alpha: 0.998, ..Default::default() };
         let expected = Exact::new(codec.clone()).score(&images, &queries, &settings);
         let found = GpuExact::new(&gpu, codec).unwrap().score(&images, &queries, &settings);
         for ((f, e), q) in found.iter().zip(&expected).zip(&queries) {
@@ -82,7 +82,7 @@ fn scores_equal_those_of_the_cpu() {
         let holes = expected[0].data.iter().filter(|s| **s == 0.0).count();
         assert!(holes > 100 && holes < 120 * 90 - 1000, "{holes} holes");
         assert!(expected[2].data.iter().all(|s| *s == 0.0));
-        assert!(expected[4].data.iter().any(|s| *s > 0.399) && expected[4].data.iter().all(|s| *s < 0.401));
+        assert!(expected[4].data.iter().any(|s| *s > 0.3) && expected[4].data.iter().all(|s| *s < 0.401));
         assert!(expected[5].data.iter().all(|s| *s < 1e-6));
     }
 }
