@@ -1,14 +1,14 @@
 //! Bundle adjustment: poses and points that explain where points are seen (Triggs et al. 2000, "Bundle
 //! adjustment, a modern synthesis"). Levenberg–Marquardt steps on the poses alone, from which the points are
-//! eliminated (Schur complement). Differences are weighed by Cauchy's function, so that tissue that moves by
+//! eliminated (Schur complement). Residuals are weighed by Cauchy's function, so that tissue that moves by
 //! itself tells little of the camera.
 
 use crate::linear::{Symmetric, inverse3};
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
-/// A point as one frame sees it.
+/// Observation of a point in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sight {
+pub(super) struct Observation {
     /// Number of the frame.
     pub frame: usize,
     /// Position on the plane at depth 1 of the frame's camera: (x/z, y/z).
@@ -17,28 +17,29 @@ pub(super) struct Sight {
     pub depth: Option<f64>,
 }
 
-/// A point and where it was seen.
+/// A point and its observations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Landmark {
     /// Position in the world, in units of the typical depth; `None` if it is not known yet.
-    pub place: Option<DVec3>,
-    /// Sights in the order of the frames.
-    pub sights: Vec<Sight>,
+    pub position: Option<DVec3>,
+    /// Observations in the order of the frames.
+    pub observations: Vec<Observation>,
 }
 
 impl Landmark {
-    /// Returns the sights in frames before `end`.
-    pub(super) fn before(&self, end: usize) -> &[Sight] {
-        &self.sights[..self.sights.partition_point(|s| s.frame < end)]
+    /// Returns the observations in frames before `end`.
+    pub(super) fn before(&self, end: usize) -> &[Observation] {
+        &self.observations[..self.observations.partition_point(|s| s.frame < end)]
     }
 }
 
-/// Measure of differences between sights and points.
+/// Measure of residuals, the differences between observations and points. It is robust: large ones are
+/// weighed by Cauchy's function.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Comparison {
-    /// Focal length, px: differences are in these pixels.
+pub(super) struct RobustResidual {
+    /// Focal length, px: residuals are in these pixels.
     pub focal_px: f64,
-    /// Difference from which on a sight counts less and less, px.
+    /// Residual from which on an observation counts less and less, px.
     pub cauchy_px: f64,
 }
 
@@ -49,61 +50,61 @@ const DEPTH_PRIOR_PX: f64 = 0.3;
 const DEPTH_PX: f64 = 20.0;
 /// Nearest depth of a point, in units of the typical depth.
 const NEAREST: f64 = 0.02;
-/// Difference that stands for a point behind the camera, px.
+/// Residual that stands for a point behind the camera, px.
 const BEHIND_PX: f64 = 1e3;
 
-impl Comparison {
-    /// Returns the cost of a squared difference, px².
+impl RobustResidual {
+    /// Returns the cost of a squared residual, px².
     fn cost(self, squared_px: f64) -> f64 {
         let c = self.cauchy_px * self.cauchy_px;
         c * (1.0 + squared_px / c).ln()
     }
 
-    /// Returns the weight of a squared difference, px².
+    /// Returns the weight of a squared residual, px².
     fn weight(self, squared_px: f64) -> f64 {
         1.0 / (1.0 + squared_px / (self.cauchy_px * self.cauchy_px))
     }
 
-    /// Returns the difference between a sight and a point at `in_camera` in the picture, px.
-    pub(super) fn in_picture(self, sight: &Sight, in_camera: DVec3) -> DVec2 {
+    /// Returns the residual in the picture of an observation of a point at `in_camera`, px.
+    pub(super) fn in_picture(self, observation: &Observation, in_camera: DVec3) -> DVec2 {
         if in_camera.z < NEAREST {
             return DVec2::splat(BEHIND_PX);
         }
-        (in_camera.truncate() / in_camera.z - sight.at) * self.focal_px
+        (in_camera.truncate() / in_camera.z - observation.at) * self.focal_px
     }
 
-    /// Returns that difference, and the one in depth where it was measured, in the same unit.
-    fn difference(self, sight: &Sight, in_camera: DVec3) -> DVec3 {
-        let depth = sight.depth.map_or(0.0, |depth| DEPTH_PX * (in_camera.z / depth - 1.0));
-        self.in_picture(sight, in_camera).extend(depth)
+    /// Returns that residual, and the one in depth where it was measured, in the same unit.
+    fn difference(self, observation: &Observation, in_camera: DVec3) -> DVec3 {
+        let depth = observation.depth.map_or(0.0, |depth| DEPTH_PX * (in_camera.z / depth - 1.0));
+        self.in_picture(observation, in_camera).extend(depth)
     }
 
-    /// Returns the cost of one landmark at `place`, px².
-    fn landmark_cost(self, poses: &[DAffine3], sights: &[Sight], place: DVec3) -> f64 {
-        let seen = sights
-            .iter()
-            .map(|s| self.cost(self.difference(s, poses[s.frame].transform_point3(place)).length_squared()));
-        let first = unmeasured(sights)
-            .map_or(0.0, |s| DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(place).z - 1.0));
+    /// Returns the cost of one landmark at `position`, px².
+    fn landmark_cost(self, poses: &[DAffine3], observations: &[Observation], position: DVec3) -> f64 {
+        let seen = observations.iter().map(|s| {
+            self.cost(self.difference(s, poses[s.frame].transform_point3(position)).length_squared())
+        });
+        let first = unmeasured(observations)
+            .map_or(0.0, |s| DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(position).z - 1.0));
         seen.sum::<f64>() + first * first
     }
 }
 
-/// Returns the first of a point's sights if its depth was not measured.
-fn unmeasured(sights: &[Sight]) -> Option<&Sight> {
-    sights.first().filter(|sight| sight.depth.is_none())
+/// Returns the first of a point's observations if its depth was not measured.
+fn unmeasured(observations: &[Observation]) -> Option<&Observation> {
+    observations.first().filter(|observation| observation.depth.is_none())
 }
 
-/// Derivatives of a sight's difference: by the pose (turn, then shift, both in the camera's axes), and by the
-/// point. Rows are u, v and depth, px.
+/// Derivatives of an observation's residual: by the pose (turn, then shift, both in the camera's axes), and
+/// by the point. Rows are u, v and depth, px.
 struct Slopes {
     pose: [[f64; 6]; 3],
     point: [[f64; 3]; 3],
 }
 
-fn slopes(focal_px: f64, pose: &DAffine3, sight: &Sight, p: DVec3) -> Slopes {
+fn slopes(focal_px: f64, pose: &DAffine3, observation: &Observation, p: DVec3) -> Slopes {
     let scale = focal_px / p.z;
-    let deeper = sight.depth.map_or(0.0, |depth| DEPTH_PX / depth);
+    let deeper = observation.depth.map_or(0.0, |depth| DEPTH_PX / depth);
     let rows = [
         DVec3::new(scale, 0.0, -scale * p.x / p.z),
         DVec3::new(0.0, scale, -scale * p.y / p.z),
@@ -130,44 +131,81 @@ struct Block {
     /// Second derivative by the point, and gradient.
     point: DMat3,
     gradient: DVec3,
-    /// For every sight in a free frame: its column, and the mixed derivative [pose][point].
+    /// For every observation in a free frame: its column, and the mixed derivative [pose][point].
     mixed: Vec<(usize, [[f64; 3]; 6])>,
+}
+
+/// Levenberg–Marquardt damping: the share by which the diagonal of the normal equations is enlarged.
+#[derive(Clone, Copy)]
+struct Damping(f64);
+
+impl Damping {
+    /// Damping of the first step.
+    const START: f64 = 1e-3;
+    /// Factor after a step that lowered the cost, and the smallest damping.
+    const EASE: f64 = 0.3;
+    const MIN: f64 = 1e-9;
+    /// Factor after a step that did not.
+    const RAISE: f64 = 8.0;
+    /// Damping above which further steps are hopeless.
+    const MAX: f64 = 1e6;
+    /// Share of the cost that a step leaves, above which no further one pays.
+    const CONVERGED: f64 = 0.9999;
+
+    /// Eases the damping after a step that lowered the cost.
+    fn ease(&mut self) {
+        self.0 = (self.0 * Self::EASE).max(Self::MIN);
+    }
+
+    /// Raises the damping after a step that did not lower the cost.
+    fn raise(&mut self) {
+        self.0 *= Self::RAISE;
+    }
+
+    fn is_hopeless(self) -> bool {
+        self.0 > Self::MAX
+    }
+
+    /// Returns `true` if a step lowered the cost so little that it was the last.
+    fn has_converged(before: f64, after: f64) -> bool {
+        after > Self::CONVERGED * before
+    }
 }
 
 /// Poses and points under adjustment.
 pub(super) struct Adjustment<'a> {
     /// `camera_from_world` of all frames, in units of the typical depth.
     pub poses: &'a mut [DAffine3],
-    /// The landmarks; those without a place are left out.
+    /// The landmarks; those without a position are left out.
     pub landmarks: Vec<&'a mut Landmark>,
     /// Frames whose poses may change; later ones are not looked at.
     pub free: std::ops::Range<usize>,
-    /// Measure of differences.
-    pub compare: Comparison,
+    /// Measure of residuals.
+    pub residual: RobustResidual,
 }
 
 impl Adjustment<'_> {
-    /// Takes at most `steps` steps; ends earlier when they bring less than 0.01 %. Returns the final cost, px².
+    /// Takes at most `steps` steps; ends earlier when they bring less than 0.01 %. Returns the cost, px².
     pub(super) fn solve(&mut self, steps: usize) -> f64 {
-        self.landmarks.retain(|mark| mark.place.is_some());
-        let mut damping = 1e-3;
+        self.landmarks.retain(|mark| mark.position.is_some());
+        let mut damping = Damping(Damping::START);
         let mut cost = self.cost();
         for _ in 0..steps {
             let before: (Vec<DAffine3>, Vec<Option<DVec3>>) =
-                (self.poses[self.free.clone()].to_vec(), self.landmarks.iter().map(|m| m.place).collect());
-            let done = self.step(damping);
+                (self.poses[self.free.clone()].to_vec(), self.landmarks.iter().map(|m| m.position).collect());
+            let done = self.step(damping.0);
             let after = self.cost();
             if done && after < cost {
-                damping = (damping * 0.3).max(1e-9);
-                if after > 0.9999 * cost {
+                damping.ease();
+                if Damping::has_converged(cost, after) {
                     return after;
                 }
                 cost = after;
             } else {
                 self.poses[self.free.clone()].copy_from_slice(&before.0);
-                self.landmarks.iter_mut().zip(before.1).for_each(|(mark, place)| mark.place = place);
-                damping *= 8.0;
-                if damping > 1e6 {
+                self.landmarks.iter_mut().zip(before.1).for_each(|(mark, position)| mark.position = position);
+                damping.raise();
+                if damping.is_hopeless() {
                     break;
                 }
             }
@@ -177,8 +215,8 @@ impl Adjustment<'_> {
 
     fn cost(&self) -> f64 {
         let of = |mark: &&mut Landmark| {
-            mark.place.map_or(0.0, |place| {
-                self.compare.landmark_cost(self.poses, mark.before(self.free.end), place)
+            mark.position.map_or(0.0, |position| {
+                self.residual.landmark_cost(self.poses, mark.before(self.free.end), position)
             })
         };
         self.landmarks.iter().map(of).sum()
@@ -213,32 +251,32 @@ impl Adjustment<'_> {
                     right -= DVec3::from(*row) * moved[column + a];
                 }
             }
-            mark.place = mark.place.map(|place| place - *inverse * right);
+            mark.position = mark.position.map(|position| position - *inverse * right);
         }
         true
     }
 
     /// Adds what a landmark tells of the poses alone, and returns the rest.
     fn block(&self, mark: &Landmark, matrix: &mut Symmetric, gradient: &mut [f64]) -> Block {
-        let place = mark.place.unwrap_or_default();
+        let position = mark.position.unwrap_or_default();
         let mut block = Block { point: DMat3::ZERO, gradient: DVec3::ZERO, mixed: Vec::new() };
-        let sights = mark.before(self.free.end);
-        for sight in sights {
-            let pose = &self.poses[sight.frame];
-            let p = pose.transform_point3(place);
+        let observations = mark.before(self.free.end);
+        for observation in observations {
+            let pose = &self.poses[observation.frame];
+            let p = pose.transform_point3(position);
             if p.z < NEAREST {
                 continue;
             }
-            let difference = self.compare.difference(sight, p);
-            let weight = self.compare.weight(difference.length_squared());
-            let slopes = slopes(self.compare.focal_px, pose, sight, p);
+            let difference = self.residual.difference(observation, p);
+            let weight = self.residual.weight(difference.length_squared());
+            let slopes = slopes(self.residual.focal_px, pose, observation, p);
             for (row, d) in slopes.point.iter().zip(difference.to_array()) {
                 let row = DVec3::from(*row);
                 block.gradient += weight * d * row;
                 block.point += weight * DMat3::from_cols(row * row.x, row * row.y, row * row.z);
             }
-            if self.free.contains(&sight.frame) {
-                let column = 6 * (sight.frame - self.free.start);
+            if self.free.contains(&observation.frame) {
+                let column = 6 * (observation.frame - self.free.start);
                 matrix.add_outer(column, &slopes.pose, weight);
                 for (row, d) in slopes.pose.iter().zip(difference.to_array()) {
                     (0..6).for_each(|a| gradient[column + a] += weight * d * row[a]);
@@ -251,10 +289,10 @@ impl Adjustment<'_> {
                 block.mixed.push((column, mixed));
             }
         }
-        if let Some(first) = unmeasured(sights) {
+        if let Some(first) = unmeasured(observations) {
             let pose = &self.poses[first.frame];
             let row = pose.matrix3.transpose().z_axis * DEPTH_PRIOR_PX;
-            block.gradient += row * DEPTH_PRIOR_PX * (pose.transform_point3(place).z - 1.0);
+            block.gradient += row * DEPTH_PRIOR_PX * (pose.transform_point3(position).z - 1.0);
             block.point += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
         }
         block
@@ -281,58 +319,59 @@ fn eliminate(block: &Block, inverse: &DMat3, matrix: &mut Symmetric, gradient: &
     }
 }
 
-/// Finds the pose of a frame from landmarks with places alone.
+/// Finds the pose of a frame from landmarks with positions alone.
 pub(super) fn pose_of(
     frame: usize,
     start: DAffine3,
     landmarks: &[Landmark],
-    compare: Comparison,
+    residual: RobustResidual,
     steps: usize,
 ) -> DAffine3 {
     let seen = landmarks.iter().filter_map(|mark| {
-        let sight = mark.sights.iter().find(|s| s.frame == frame)?;
-        Some((mark.place?, *sight))
+        let observation = mark.observations.iter().find(|s| s.frame == frame)?;
+        Some((mark.position?, *observation))
     });
-    let seen: Vec<(DVec3, Sight)> = seen.collect();
+    let seen: Vec<(DVec3, Observation)> = seen.collect();
     let cost = |pose: &DAffine3| -> f64 {
         seen.iter()
-            .map(|(place, s)| {
-                compare.cost(compare.difference(s, pose.transform_point3(*place)).length_squared())
+            .map(|(position, s)| {
+                residual.cost(residual.difference(s, pose.transform_point3(*position)).length_squared())
             })
             .sum()
     };
-    let (mut pose, mut damping) = (start, 1e-3);
+    let (mut pose, mut damping) = (start, Damping(Damping::START));
     let mut best = cost(&pose);
     for _ in 0..steps {
         let mut matrix = Symmetric::zero(6);
         let mut gradient = vec![0.0; 6];
-        for (place, sight) in &seen {
-            let p = pose.transform_point3(*place);
+        for (position, observation) in &seen {
+            let p = pose.transform_point3(*position);
             if p.z < NEAREST {
                 continue;
             }
-            let difference = compare.difference(sight, p);
-            let weight = compare.weight(difference.length_squared());
-            let by_pose = slopes(compare.focal_px, &pose, sight, p).pose;
+            let difference = residual.difference(observation, p);
+            let weight = residual.weight(difference.length_squared());
+            let by_pose = slopes(residual.focal_px, &pose, observation, p).pose;
             matrix.add_outer(0, &by_pose, weight);
             for (row, d) in by_pose.iter().zip(difference.to_array()) {
                 (0..6).for_each(|a| gradient[a] -= weight * d * row[a]);
             }
         }
-        matrix.damp(damping);
+        matrix.damp(damping.0);
         if !matrix.solve(&mut gradient) {
             break;
         }
         let next = nudged(&pose, &gradient);
         let after = cost(&next);
         if after < best {
-            (pose, damping) = (next, (damping * 0.3).max(1e-9));
-            if after > 0.9999 * best {
+            pose = next;
+            damping.ease();
+            if Damping::has_converged(best, after) {
                 break;
             }
             best = after;
         } else {
-            damping *= 8.0;
+            damping.raise();
         }
     }
     pose

@@ -6,7 +6,7 @@
 //! far more than the tissue could have caused.
 
 use super::{
-    adjust::{Comparison, Landmark, Sight},
+    adjust::{Landmark, Observation, RobustResidual},
     build::Builder,
 };
 use crate::{linear::Symmetric, num::median};
@@ -50,7 +50,7 @@ const STEADY: f64 = 4.0;
 
 /// A point, and where the path leaves its motion unexplained.
 struct Unexplained {
-    /// Times of its sights.
+    /// Times of its observations.
     times: Vec<f64>,
     /// Differences between where it was seen and where the path shows it, along x and y, px.
     differences: [Vec<f64>; 2],
@@ -78,26 +78,27 @@ pub(super) fn steady(builder: &Builder, focal_px: f64, times: &[f32]) -> Option<
         long(&tracks, period).filter_map(|track| track.amplitude(period)).collect();
     let of_tissue = median(&mut amplitudes)?;
     let without = |share: f64| without(&builder.poses, &times, period, share);
-    let of_path = rms(builder.poses.iter().zip(&without(1.0)).map(|(a, b)| place(a) - place(b)));
+    let of_path =
+        rms(builder.poses.iter().zip(&without(1.0)).map(|(a, b)| camera_position(a) - camera_position(b)));
     let share = (MOST_TAKEN * of_tissue / of_path).powi(4).min(1.0);
     if share < LEAST_TAKEN {
         return None;
     }
     let poses = without(share);
-    let middle = poses.iter().map(place).sum::<DVec3>() / poses.len() as f64;
-    let left = rms(poses.iter().map(|pose| place(pose) - middle));
+    let middle = poses.iter().map(camera_position).sum::<DVec3>() / poses.len() as f64;
+    let left = rms(poses.iter().map(|pose| camera_position(pose) - middle));
     Some(Steadied { period, poses, is_still: left < LEAST_LEFT * share * of_path })
 }
 
-/// Place of a camera in the world.
-fn place(pose: &DAffine3) -> DVec3 {
+/// Position of a camera in the world.
+fn camera_position(pose: &DAffine3) -> DVec3 {
     pose.inverse().translation
 }
 
 /// Root mean square length.
-fn rms(ways: impl ExactSizeIterator<Item = DVec3>) -> f64 {
-    let n = ways.len().max(1) as f64;
-    (ways.map(DVec3::length_squared).sum::<f64>() / n).sqrt()
+fn rms(displacements: impl ExactSizeIterator<Item = DVec3>) -> f64 {
+    let n = displacements.len().max(1) as f64;
+    (displacements.map(DVec3::length_squared).sum::<f64>() / n).sqrt()
 }
 
 /// Finds the period of what is left unexplained; `None` if there is none that most of it has.
@@ -129,18 +130,19 @@ fn long(tracks: &[Unexplained], period: f64) -> impl Iterator<Item = &Unexplaine
 }
 
 fn unexplained(builder: &Builder, focal_px: f64, times: &[f64]) -> Vec<Unexplained> {
-    let compare = Comparison { focal_px, cauchy_px: 1.0 };
+    let residual = RobustResidual { focal_px, cauchy_px: 1.0 };
     let of = |mark: &Landmark| {
-        let place = mark.place?;
-        let in_camera = |sight: &Sight| builder.poses[sight.frame].transform_point3(place);
-        let difference = |sight: &Sight| compare.in_picture(sight, in_camera(sight));
+        let position = mark.position?;
+        let in_camera =
+            |observation: &Observation| builder.poses[observation.frame].transform_point3(position);
+        let difference = |observation: &Observation| residual.in_picture(observation, in_camera(observation));
         Some(Unexplained {
-            times: mark.sights.iter().map(|sight| times[sight.frame]).collect(),
+            times: mark.observations.iter().map(|observation| times[observation.frame]).collect(),
             differences: [
-                mark.sights.iter().map(|sight| difference(sight).x).collect(),
-                mark.sights.iter().map(|sight| difference(sight).y).collect(),
+                mark.observations.iter().map(|observation| difference(observation).x).collect(),
+                mark.observations.iter().map(|observation| difference(observation).y).collect(),
             ],
-            px: in_camera(mark.sights.first()?).z / focal_px,
+            px: in_camera(mark.observations.first()?).z / focal_px,
         })
     };
     let every = builder.landmarks.len().div_ceil(MOST_TRACKS).max(1);
@@ -155,8 +157,8 @@ impl Unexplained {
         [steady, swaying]
     }
 
-    /// Returns the share of the unexplained motion, but for a steady one, that a period explains; `None` if the
-    /// point hardly moves.
+    /// Returns the share of the unexplained motion, but for a steady one, that a period explains; `None` if
+    /// the point hardly moves.
     fn gain(&self, period: f64) -> Option<f64> {
         let [steady, swaying] = self.functions(period);
         let left =
@@ -199,12 +201,12 @@ fn rest(functions: &[Vec<f64>], values: &[f64]) -> Option<f64> {
 /// Returns a path without a share of what sways with a period. Slower motion stays.
 fn without(poses: &[DAffine3], times: &[f64], period: f64, share: f64) -> Vec<DAffine3> {
     let Some(first) = poses.first() else { return Vec::new() };
-    // Six curves: the camera's place, and its turn since the first frame.
+    // Six curves: the camera's position, and its turn since the first frame.
     let turn =
         |pose: &DAffine3| DQuat::from_mat3(&(pose.matrix3 * first.matrix3.transpose())).to_scaled_axis();
     let mut curves = vec![vec![0.0; poses.len()]; 6];
     for (k, pose) in poses.iter().enumerate() {
-        place(pose)
+        camera_position(pose)
             .to_array()
             .into_iter()
             .chain(turn(pose).to_array())
@@ -269,9 +271,12 @@ mod tests {
         let poses: Vec<DAffine3> = poses.collect();
         let steadied = without(&poses, &times, 24.0, 1.0);
         for (t, pose) in times.iter().zip(&steadied) {
-            let place = place(pose);
-            assert!((place.x - slow(*t)).abs() < 0.15, "{t}: {} instead of {}", place.x, slow(*t));
-            assert!((place.y - slow(*t)).abs() < 0.1 && (place.z - 1.0).abs() < 1e-7, "{t}: {place}");
+            let position = camera_position(pose);
+            assert!((position.x - slow(*t)).abs() < 0.15, "{t}: {} instead of {}", position.x, slow(*t));
+            assert!(
+                (position.y - slow(*t)).abs() < 0.1 && (position.z - 1.0).abs() < 1e-7,
+                "{t}: {position}"
+            );
         }
     }
 }

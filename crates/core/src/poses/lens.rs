@@ -2,7 +2,7 @@
 
 use super::{
     SHORTEST_TRACK,
-    adjust::{Landmark, Sight},
+    adjust::{Landmark, Observation},
     build::Builder,
     tracks::Track,
 };
@@ -25,7 +25,7 @@ const POINTS: usize = 500;
 /// Fewest points that tell something.
 const FEWEST_POINTS: usize = 60;
 /// Ratio of the cost at both ends to the lowest, from which on the lowest is believed: tissue that breathes
-/// makes a shallow valley at a wrong place.
+/// makes a shallow valley at a wrong zoom.
 const LEAST_RISE: f64 = 1.05;
 
 /// Maps positions in the pictures that are looked at to the plane at depth 1.
@@ -51,17 +51,17 @@ impl Lens {
         at.map(|p| (f64::from(p) + 0.5) * self.shrink)
     }
 
-    fn sight(&self, frame: usize, at: [f32; 2]) -> Sight {
+    fn observation(&self, frame: usize, at: [f32; 2]) -> Observation {
         let [u, v] = self.pixel(at);
         let Camera { fx, fy, cx, cy, .. } = self.camera;
         let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));
-        Sight { frame, at, depth: None }
+        Observation { frame, at, depth: None }
     }
 
     pub(super) fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
         let landmark = |track: &Track| Landmark {
-            place: None,
-            sights: track.iter().map(|(frame, at)| self.sight(*frame, *at)).collect(),
+            position: None,
+            observations: track.iter().map(|(frame, at)| self.observation(*frame, *at)).collect(),
         };
         tracks.iter().map(landmark).collect()
     }
@@ -105,7 +105,7 @@ fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Resu
     Ok(lowest(&costs))
 }
 
-/// Returns the sights of a track in the first frames.
+/// Returns the observations of a track in the first frames.
 fn first_frames(track: &Track) -> Track {
     track.iter().copied().filter(|(frame, _)| *frame < FRAMES).collect()
 }

@@ -7,8 +7,8 @@ use crate::{Result, grid::Grid, num::median, sequence::Sequence};
 const SAME_SURFACE: f32 = 1.1;
 
 /// Returns the typical depth of the points, in units of the recording; `None` if it has no depth. If that was
-/// measured, every sight gets its own, in units of the typical one: what a network estimates is for the scale
-/// alone. `used` are the frames of the tracks.
+/// measured, every observation gets its own, in units of the typical one: what a network estimates is for the
+/// scale alone. `used` are the frames of the tracks.
 ///
 /// # Errors
 /// A depth map that cannot be read.
@@ -31,15 +31,15 @@ pub(super) fn take(
         let Some(map) = sequence.depth(frame)? else { continue };
         for &(mark, k) in seen {
             let depth = depth_at(&map, lens.pixel(tracks[mark][k].1));
-            landmarks[mark].sights[k].depth = depth;
+            landmarks[mark].observations[k].depth = depth;
             depths.extend(depth);
         }
     }
     let typical = median(&mut depths);
     let is_measured = sequence.depth_origin().is_measured();
-    for sight in landmarks.iter_mut().flat_map(|mark| &mut mark.sights) {
-        sight.depth =
-            sight.depth.filter(|_| is_measured).zip(typical).map(|(depth, typical)| depth / typical);
+    for observation in landmarks.iter_mut().flat_map(|mark| &mut mark.observations) {
+        observation.depth =
+            observation.depth.filter(|_| is_measured).zip(typical).map(|(depth, typical)| depth / typical);
     }
     Ok(typical)
 }

@@ -1,7 +1,7 @@
 //! The endoscope's path, estimated from pictures, and from depth where that was measured.
 //!
-//! Points are followed through the frames ([`tracks`]); poses and points that explain their ways together are
-//! found by bundle adjustment ([`adjust`], [`build`]). A scope that stands still is recognised: then most
+//! Points are followed through the frames ([`tracks`]); poses and points that together explain their paths
+//! are found by bundle adjustment ([`adjust`], [`build`]). A scope that stands still is recognised: then most
 //! points come back to where they were, and nothing is estimated.
 
 mod adjust;
@@ -24,7 +24,7 @@ use crate::{
     progress::{Observer, Progress},
     sequence::{CameraSource, Sequence},
 };
-use adjust::{Comparison, Landmark, Sight};
+use adjust::{Landmark, Observation, RobustResidual};
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
@@ -38,16 +38,19 @@ const LONGEST_SIDE: usize = 720;
 const SHORTEST_TRACK: usize = 4;
 /// Number of points that the depth of a pixel is taken from.
 const NEAREST_POINTS: usize = 12;
-/// Difference up to which a sight is explained, px of the pictures that are looked at.
-const EXPLAINED_PX: f64 = 1.5;
-/// Share of the sights that a path explains at least.
-const LEAST_EXPLAINED: f64 = 0.55;
-/// Share of the sights that a path explains more than a camera that stands still, at least.
-const LEAST_GAIN: f64 = 0.2;
+/// Residual up to which an observation is an inlier, which the path explains, px of the pictures that are
+/// looked at.
+const INLIER_PX: f64 = 1.5;
+/// Smallest share of inliers among the observations with which a path is believed.
+const MIN_INLIER_RATIO: f64 = 0.55;
+/// Smallest difference between the shares of inliers of a path and of a camera that stands still.
+const MIN_INLIER_GAIN: f64 = 0.2;
 /// Largest ratio of a far to a near depth of a surface.
-const LARGEST_DEPTH_RANGE: f64 = 12.0;
-/// Angle between two views of a point, radians, from which on they tell its depth.
-const TELLING_ANGLE: f64 = 0.02;
+const MAX_DEPTH_RATIO: f64 = 12.0;
+/// Angle between two views of a point, its parallax, radians: above the first it is triangulated, and above
+/// the second its depth counts for the range of depths.
+const MIN_PARALLAX_TO_TRIANGULATE: f64 = 0.01;
+const MIN_PARALLAX_FOR_DEPTH: f64 = 0.02;
 /// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
 const BLURRED: f32 = 0.65;
 /// Most frames in a row that are passed over because they show nothing that those around them show.
@@ -66,19 +69,19 @@ pub enum Verdict {
     Moves {
         /// Horizontal field of view, degrees, if that was estimated, too.
         fov_x_degrees: Option<f32>,
-        /// Number of frames after which the tissue comes back, if it was seen to come back again and again: what
-        /// of the path does, too, is not in it.
+        /// Number of frames after which the tissue comes back, if it was seen to come back again and again:
+        /// what of the path does, too, is not in it.
         period_frames: Option<f32>,
-        /// First and last frame that the path is known for, if it breaks off: before and after them the camera is
-        /// taken to stand still.
+        /// First and last frame that the path is known for, if it breaks off: before and after them the
+        /// camera is taken to stand still.
         known: Option<[usize; 2]>,
     },
     /// Something moves that neither a still camera nor a path explains.
     Unclear,
     /// Its poses are known, and explain little of what is seen.
     Unexplained,
-    /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is longer
-    /// than half of the recording.
+    /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is
+    /// longer than half of the recording.
     Lost(usize),
 }
 
@@ -127,7 +130,7 @@ impl Verdict {
 pub struct ScopePath {
     /// The judgement.
     pub verdict: Verdict,
-    /// Share of the points' sights within 1.5 px of where a still camera would see them.
+    /// Share of the points' observations within 1.5 px of where a still camera would see them.
     pub still_share: f64,
     /// The same with the path.
     pub moving_share: f64,
@@ -137,11 +140,11 @@ pub struct ScopePath {
     /// Frames that were passed over: they are blurred, or show nothing that those around them show.
     pub blurred: Vec<usize>,
     /// `camera_from_world` of every frame; empty unless the camera moves. The unit is that of the recording's
-    /// depth, or such that the median depth of all sights is `typical_depth`. The first frame's camera is the
-    /// world.
+    /// depth, or such that the median depth of all observations is `typical_depth`. The first frame's camera
+    /// is the world.
     pub poses: Vec<Affine3A>,
-    /// The path as it was found, if part of it was the motion of tissue that comes again and again: then `poses`
-    /// are without that. If all of it was, the scope stands still.
+    /// The path as it was found, if part of it was the motion of tissue that comes again and again: then
+    /// `poses` are without that. If all of it was, the scope stands still.
     pub swaying: Vec<Affine3A>,
     /// Median depth of what is seen, in units of known poses; `None` where it was not looked for, or nothing
     /// tells.
@@ -152,21 +155,21 @@ pub struct ScopePath {
 }
 
 impl ScopePath {
-    /// Returns the pose, `camera_from_world`, to which tissue at rest is what frame `i` shows; `recorded` without
-    /// a path.
+    /// Returns the pose, `camera_from_world`, to which tissue at rest is what frame `i` shows; `recorded`
+    /// without a path.
     pub(crate) fn pose_to_tissue(&self, i: usize, recorded: Affine3A) -> Affine3A {
         self.swaying.get(i).or(self.poses.get(i)).copied().unwrap_or(recorded)
     }
 
-    /// Returns how the tissue has moved by frame `i`, as far as the path first took that for its own; `recorded`
-    /// is the pose of a camera that stands still.
+    /// Returns how the tissue has moved by frame `i`, as far as the path first took that for its own;
+    /// `recorded` is the pose of a camera that stands still.
     pub(crate) fn sway(&self, i: usize, recorded: Affine3A) -> Option<Affine3A> {
         let pose = self.poses.get(i).copied().unwrap_or(recorded);
         Some(pose.inverse() * *self.swaying.get(i)?)
     }
 
-    /// Returns the depth of every pixel of frame `i`, seen by `camera`: a smooth surface through the points that
-    /// are seen there. `None` if there are too few.
+    /// Returns the depth of every pixel of frame `i`, seen by `camera`: a smooth surface through the points
+    /// that are seen there. `None` if there are too few.
     pub(crate) fn depth(&self, camera: &Camera, i: usize) -> Option<Grid<f32>> {
         let seen = self.points.iter().filter(|(_, [first, last])| (*first..=*last).contains(&i));
         let seen: Vec<[f32; 3]> =
@@ -181,8 +184,8 @@ pub fn are_wanted(sequence: &Sequence) -> bool {
     sequence.camera_source() != CameraSource::Given && !sequence.camera_moves()
 }
 
-/// Returns `true` if points may be placed: a recording's camera is known to move, and depth is not known.
-pub(crate) fn can_place(sequence: &Sequence) -> bool {
+/// Returns `true` if points may be triangulated: a recording's camera is known to move, and depth is not.
+pub(crate) fn can_triangulate(sequence: &Sequence) -> bool {
     sequence.camera_moves() && !sequence.has_depth()
 }
 
@@ -219,7 +222,7 @@ pub fn estimate(
         typical_depth: None,
         points: Vec::new(),
     };
-    if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
+    if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < MIN_INLIER_GAIN {
         return Ok(path);
     }
     let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
@@ -273,12 +276,12 @@ pub fn estimate(
     Ok(path)
 }
 
-/// Finds points of the surface that a camera with known poses sees move, in the units of the poses. It has no
-/// points if there are too few for a typical depth.
+/// Triangulates points of the surface that a camera with known poses sees move, in the units of the poses. It
+/// has no points if there are too few for a typical depth.
 ///
 /// # Errors
 /// As [`estimate`].
-pub(crate) fn place(
+pub(crate) fn triangulate_with_known_poses(
     sequence: &Sequence,
     timeline: Timeline<'_>,
     observer: &mut Observer<'_>,
@@ -286,8 +289,8 @@ pub(crate) fn place(
     let Followed { tracks, lens, used, .. } = Followed::new(sequence, timeline, observer)?;
     let pose = |&frame: &usize| double(&sequence.camera(frame).camera_from_world);
     let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
-    let scale = builder.place_points(used.iter().map(pose).collect());
-    let is_explained = moving_share(&builder, &lens) >= LEAST_EXPLAINED;
+    let scale = builder.triangulate_all(used.iter().map(pose).collect());
+    let is_explained = moving_share(&builder, &lens) >= MIN_INLIER_RATIO;
     let points = scale.filter(|_| is_explained).map(|scale| points(&builder, &lens, scale, &used));
     Ok(ScopePath {
         verdict: if is_explained { Verdict::Still } else { Verdict::Unexplained },
@@ -347,8 +350,8 @@ impl Followed {
         Ok(zoom)
     }
 
-    /// Finds the path, and the typical depth if depth is known. Where the path breaks off, only the longest part
-    /// is kept; if that is less than half of the frames, the error is the frame of the first break.
+    /// Finds the path, and the typical depth if depth is known. Where the path breaks off, only the longest
+    /// part is kept; if that is less than half of the frames, the error is the frame of the first break.
     fn build(&mut self, sequence: &Sequence) -> Result<std::result::Result<(Builder, Option<f64>), usize>> {
         let fewest = self.used.len().div_ceil(2);
         let mut first_break = None;
@@ -371,8 +374,8 @@ impl Followed {
 /// Returns the parts of tracks inside a range of slots, which are numbered from its start then.
 fn within(tracks: Vec<Track>, slots: &Range<usize>) -> Vec<Track> {
     let inside = |track: Track| -> Track {
-        let sights = track.into_iter().filter(|(slot, _)| slots.contains(slot));
-        sights.map(|(slot, at)| (slot - slots.start, at)).collect()
+        let observations = track.into_iter().filter(|(slot, _)| slots.contains(slot));
+        observations.map(|(slot, at)| (slot - slots.start, at)).collect()
     };
     tracks.into_iter().map(inside).filter(|track| track.len() >= SHORTEST_TRACK).collect()
 }
@@ -434,36 +437,35 @@ fn slopes(view: &View) -> f32 {
     (sum / count.max(1) as f64) as f32
 }
 
-/// Share of all sights that lie near the median place of their point in the picture.
+/// Share of all observations that lie near the median position of their point in the picture.
 fn still_share(tracks: &[Track]) -> f64 {
     let (mut near, mut all) = (0, 0);
     for track in tracks {
         let middle: [f64; 2] = std::array::from_fn(|k| {
             median(&mut track.iter().map(|(_, at)| f64::from(at[k])).collect::<Vec<_>>()).unwrap_or(0.0)
         });
-        let is_near = |at: &[f32; 2]| {
-            (f64::from(at[0]) - middle[0]).hypot(f64::from(at[1]) - middle[1]) <= EXPLAINED_PX
-        };
+        let is_near =
+            |at: &[f32; 2]| (f64::from(at[0]) - middle[0]).hypot(f64::from(at[1]) - middle[1]) <= INLIER_PX;
         near += track.iter().filter(|(_, at)| is_near(at)).count();
         all += track.len();
     }
     if all == 0 { 1.0 } else { f64::from(near as u32) / all as f64 }
 }
 
-/// Share of all sights that the path explains.
+/// Share of all observations that the path explains.
 fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
-    let compare = Comparison { focal_px: lens.focal_px(), cauchy_px: 1.0 };
+    let residual = RobustResidual { focal_px: lens.focal_px(), cauchy_px: 1.0 };
     let (mut near, mut all) = (0, 0);
     for mark in &builder.landmarks {
-        near += mark.place.map_or(0, |place| {
-            let seen = mark.sights.iter();
+        near += mark.position.map_or(0, |position| {
+            let seen = mark.observations.iter();
             seen.filter(|s| {
-                let there = builder.poses[s.frame].transform_point3(place);
-                compare.in_picture(s, there).length() <= EXPLAINED_PX
+                let there = builder.poses[s.frame].transform_point3(position);
+                residual.in_picture(s, there).length() <= INLIER_PX
             })
             .count()
         });
-        all += mark.sights.len();
+        all += mark.observations.len();
     }
     near as f64 / all.max(1) as f64
 }
@@ -472,8 +474,8 @@ fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
 /// follows tissue that moves by itself.
 fn verdict(path: &ScopePath, builder: &Builder, lens: &Lens) -> Verdict {
     let gain = path.moving_share - path.still_share;
-    let is_surface = depth_range(builder, lens) <= LARGEST_DEPTH_RANGE;
-    match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
+    let is_surface = depth_range(builder, lens) <= MAX_DEPTH_RATIO;
+    match (gain >= MIN_INLIER_GAIN, path.moving_share >= MIN_INLIER_RATIO && is_surface) {
         (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
         (true, false) => Verdict::Unclear,
         (false, _) => Verdict::Still,
@@ -484,11 +486,15 @@ fn verdict(path: &ScopePath, builder: &Builder, lens: &Lens) -> Verdict {
 /// points whose depth is told count: bland tissue has tracks that lead anywhere.
 fn depth_range(builder: &Builder, lens: &Lens) -> f64 {
     let depth = |mark: &Landmark| {
-        let place = mark.place.filter(|_| is_explained(mark, builder, lens))?;
-        let towards = |sight: &Sight| builder.poses[sight.frame].inverse().translation - place;
-        let first = mark.sights.first()?;
-        let is_told = mark.sights.iter().any(|s| towards(s).angle_between(towards(first)) > TELLING_ANGLE);
-        is_told.then(|| builder.poses[first.frame].transform_point3(place).z)
+        let position = mark.position.filter(|_| is_explained(mark, builder, lens))?;
+        let towards =
+            |observation: &Observation| builder.poses[observation.frame].inverse().translation - position;
+        let first = mark.observations.first()?;
+        let is_told = mark
+            .observations
+            .iter()
+            .any(|s| towards(s).angle_between(towards(first)) > MIN_PARALLAX_FOR_DEPTH);
+        is_told.then(|| builder.poses[first.frame].transform_point3(position).z)
     };
     let mut depths: Vec<f64> = builder.landmarks.iter().filter_map(depth).collect();
     depths.sort_by(f64::total_cmp);
@@ -496,30 +502,30 @@ fn depth_range(builder: &Builder, lens: &Lens) -> f64 {
     at(0.98) / at(0.02).max(1e-6)
 }
 
-/// Median depth of all sights.
+/// Median depth of all observations.
 fn median_depth(builder: &Builder) -> f64 {
-    let marks = builder.landmarks.iter().filter_map(|mark| Some((mark.place?, mark)));
-    let depths = marks.flat_map(|(place, mark)| {
-        mark.sights.iter().map(move |s| builder.poses[s.frame].transform_point3(place).z)
+    let marks = builder.landmarks.iter().filter_map(|mark| Some((mark.position?, mark)));
+    let depths = marks.flat_map(|(position, mark)| {
+        mark.observations.iter().map(move |s| builder.poses[s.frame].transform_point3(position).z)
     });
     median(&mut depths.collect::<Vec<_>>()).filter(|z| *z > 0.0).unwrap_or(1.0)
 }
 
 /// Returns `true` if the path explains a point in most of its frames.
 fn is_explained(mark: &Landmark, builder: &Builder, lens: &Lens) -> bool {
-    let Some(place) = mark.place else { return false };
-    let compare = Comparison { focal_px: lens.focal_px(), cauchy_px: 1.0 };
+    let Some(position) = mark.position else { return false };
+    let residual = RobustResidual { focal_px: lens.focal_px(), cauchy_px: 1.0 };
     let difference =
-        |s: &Sight| compare.in_picture(s, builder.poses[s.frame].transform_point3(place)).length();
-    median(&mut mark.sights.iter().map(difference).collect::<Vec<_>>()).is_some_and(|d| d <= EXPLAINED_PX)
+        |s: &Observation| residual.in_picture(s, builder.poses[s.frame].transform_point3(position)).length();
+    median(&mut mark.observations.iter().map(difference).collect::<Vec<_>>()).is_some_and(|d| d <= INLIER_PX)
 }
 
 /// Points that the path explains.
 fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Vec3, [usize; 2])> {
     let point = |mark: &Landmark| {
-        let place = mark.place.filter(|_| is_explained(mark, builder, lens))?;
-        let (first, last) = (mark.sights.first()?.frame, mark.sights.last()?.frame);
-        Some(((place * scale).as_vec3(), [used[first], used[last]]))
+        let position = mark.position.filter(|_| is_explained(mark, builder, lens))?;
+        let (first, last) = (mark.observations.first()?.frame, mark.observations.last()?.frame);
+        Some(((position * scale).as_vec3(), [used[first], used[last]]))
     };
     builder.landmarks.iter().filter_map(point).collect()
 }
@@ -551,14 +557,14 @@ fn pose_at(known: &[(f32, DAffine3)], time: f32) -> DAffine3 {
     let around = &known[after.saturating_sub(2)..(after + 2).min(known.len())];
     let base = known[after - 1].1;
     let mut turn = DVec3::ZERO;
-    let mut place = DVec3::ZERO;
+    let mut position = DVec3::ZERO;
     for (k, (t, pose)) in around.iter().enumerate() {
         let others = around.iter().enumerate().filter(|(j, _)| *j != k);
         let weight: f64 = others.map(|(_, (o, _))| f64::from(time - o) / f64::from(t - o)).product();
         let relative = DQuat::from_mat3(&(pose.matrix3 * base.matrix3.transpose()));
         turn += weight * relative.to_scaled_axis();
-        place += weight * pose.inverse().translation;
+        position += weight * pose.inverse().translation;
     }
     let matrix3 = glam::DMat3::from_quat(DQuat::from_scaled_axis(turn) * DQuat::from_mat3(&base.matrix3));
-    DAffine3 { matrix3, translation: -(matrix3 * place) }
+    DAffine3 { matrix3, translation: -(matrix3 * position) }
 }

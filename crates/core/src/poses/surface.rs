@@ -8,14 +8,14 @@ use std::num::NonZeroUsize;
 
 /// Distance, px, up to which points count alike.
 const SOFT_PX: f32 = 8.0;
-/// Distance of the places at which depth is computed, px; between them it is interpolated by the nearest.
+/// Distance of the pixels at which depth is computed, px; between them it is interpolated by the nearest.
 const EVERY_PX: usize = 4;
 
 /// Returns the depth of every pixel: a mean of its nearest points (u, v, z), weighted by the inverse square
 /// of their distance.
 pub(super) fn through(points: &[[f32; 3]], width: usize, height: usize) -> Grid<f32> {
-    let places: Vec<[f32; 2]> = points.iter().map(|p| [p[0], p[1]]).collect();
-    let Ok(tree) = ImmutableKdTree::<f32, 2>::new_from_slice(&places) else {
+    let positions: Vec<[f32; 2]> = points.iter().map(|p| [p[0], p[1]]).collect();
+    let Ok(tree) = ImmutableKdTree::<f32, 2>::new_from_slice(&positions) else {
         return Grid::filled(width, height, 0.0);
     };
     let count = NonZeroUsize::new(NEAREST_POINTS).unwrap_or(NonZeroUsize::MIN);

@@ -5,7 +5,7 @@ use super::{
     build::Builder,
     depth_range, estimate, halvings,
     lens::{Lens, likely_zoom},
-    place, sharpness,
+    sharpness, triangulate_with_known_poses,
 };
 use crate::{
     Result,
@@ -54,14 +54,14 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     );
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
     // The demo's first camera is the world's axes too.
-    let places = places(&path.poses);
-    let true_places: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
-    let scale = places.iter().zip(&true_places).map(|(a, b)| a.dot(*b)).sum::<f32>()
-        / places.iter().map(|a| a.length_squared()).sum::<f32>();
-    let length: f32 = true_places.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
-    for (i, (found, true_place)) in places.iter().zip(&true_places).enumerate() {
-        let error = (*found * scale).distance(*true_place);
-        assert!(error < 0.05 * length, "frame {i} is {error} mm from its place on a path of {length} mm");
+    let positions = camera_positions(&path.poses);
+    let true_positions: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
+    let scale = positions.iter().zip(&true_positions).map(|(a, b)| a.dot(*b)).sum::<f32>()
+        / positions.iter().map(|a| a.length_squared()).sum::<f32>();
+    let length: f32 = true_positions.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+    for (i, (found, true_position)) in positions.iter().zip(&true_positions).enumerate() {
+        let error = (*found * scale).distance(*true_position);
+        assert!(error < 0.05 * length, "frame {i} is {error} mm from its position on a path of {length} mm");
     }
 }
 
@@ -93,13 +93,13 @@ fn a_damaged_frame_is_passed_over_and_the_longest_part_of_a_broken_path_is_kept(
     assert!(!matches!(path.verdict, Verdict::Moves { .. }) && path.poses.is_empty(), "{:?}", path.verdict);
 }
 
-/// Places of cameras in the world.
-fn places(poses: &[Affine3A]) -> Vec<Vec3> {
+/// Positions of cameras in the world.
+fn camera_positions(poses: &[Affine3A]) -> Vec<Vec3> {
     poses.iter().map(|pose| pose.inverse().translation.into()).collect()
 }
 
-/// Returns the root mean square distance of places from true ones, after moving, turning and, if `is_scaled`,
-/// scaling them, as a share of the true path's length.
+/// Returns the root mean square distance of positions from true ones, after moving, turning and, if
+/// `is_scaled`, scaling them, as a share of the true path's length.
 fn path_error(found: &[Vec3], truth: &[Vec3], is_scaled: bool) -> f32 {
     let n = found.len() as f32;
     let centred = |v: &[Vec3]| -> Vec<Vec3> {
@@ -110,9 +110,9 @@ fn path_error(found: &[Vec3], truth: &[Vec3], is_scaled: bool) -> f32 {
     // Small turns, one after the other: the cross products of both point along the turn that is left.
     let mut turned = a;
     for _ in 0..200 {
-        let way: Vec3 = turned.iter().zip(&b).map(|(a, b)| a.cross(*b)).sum();
+        let axis: Vec3 = turned.iter().zip(&b).map(|(a, b)| a.cross(*b)).sum();
         let stiffness: f32 = turned.iter().zip(&b).map(|(a, b)| a.dot(*b).abs()).sum();
-        let turn = Quat::from_scaled_axis(way / stiffness.max(1e-9));
+        let turn = Quat::from_scaled_axis(axis / stiffness.max(1e-9));
         turned.iter_mut().for_each(|p| *p = turn * *p);
     }
     let together: f32 = turned.iter().zip(&b).map(|(a, b)| a.dot(*b)).sum();
@@ -127,9 +127,12 @@ fn path_error(found: &[Vec3], truth: &[Vec3], is_scaled: bool) -> f32 {
 fn a_recorded_depth_gives_the_path_its_scale() {
     let folder = demo([320, 240], true);
     let truth = Sequence::open(folder.path()).unwrap();
-    let true_places: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
+    let true_positions: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
     let path = estimated(&truth);
-    assert!(path_error(&places(&path.poses), &true_places, false) < 0.01, "it is in millimetres");
+    assert!(
+        path_error(&camera_positions(&path.poses), &true_positions, false) < 0.01,
+        "it is in millimetres"
+    );
 }
 
 /// Returns a demo of two breaths, and its path.
@@ -150,20 +153,20 @@ fn breathing(moving_camera: bool) -> (Sequence, ScopePath) {
 fn a_scope_that_stands_still_before_breathing_tissue_is_recognised() {
     let (_, path) = breathing(false);
     assert_eq!((&path.verdict, path.poses.len(), path.swaying.len()), (&Verdict::Still, 0, 48));
-    let ways = (0..48).map(|i| path.sway(i, Affine3A::IDENTITY).unwrap().translation.length());
-    assert!(ways.fold(0.0, f32::max) > 1.0, "the tissue moves by millimetres");
+    let displacements = (0..48).map(|i| path.sway(i, Affine3A::IDENTITY).unwrap().translation.length());
+    assert!(displacements.fold(0.0, f32::max) > 1.0, "the tissue moves by millimetres");
 }
 
 #[test]
-fn breath_is_told_from_the_way_of_the_scope() {
+fn breath_is_told_from_the_path_of_the_scope() {
     let (truth, path) = breathing(true);
     let n = truth.num_frames();
     let Verdict::Moves { period_frames: Some(period), .. } = path.verdict else {
         panic!("{:?}", path.verdict)
     };
     assert!((period - 24.0).abs() < 2.0, "a breath of {period} instead of 24 frames");
-    let true_places: Vec<Vec3> = (0..n).map(|i| truth.camera(i).position_in_world()).collect();
-    let error = |poses: &[Affine3A]| path_error(&places(poses), &true_places, true);
+    let true_positions: Vec<Vec3> = (0..n).map(|i| truth.camera(i).position_in_world()).collect();
+    let error = |poses: &[Affine3A]| path_error(&camera_positions(poses), &true_positions, true);
     let (before, after) = (error(&path.swaying), error(&path.poses));
     assert!(
         after < 0.05 && after < 0.8 * before,
@@ -223,12 +226,12 @@ fn a_round_picture_tells_the_likely_lens() {
 fn depths_that_nothing_tells_do_not_count() {
     let camera = Lens { camera: crate::camera::Camera::with_field_of_view(320, 240, 60.0), shrink: 1.0 };
     let pose = |frame: usize| DAffine3::from_translation(DVec3::X * (0.02 * frame as f64));
-    let mark = |place: DVec3| {
-        let sight = |frame: usize| {
-            let seen = pose(frame).transform_point3(place);
-            adjust::Sight { frame, at: seen.truncate() / seen.z, depth: None }
+    let mark = |position: DVec3| {
+        let observation = |frame: usize| {
+            let seen = pose(frame).transform_point3(position);
+            adjust::Observation { frame, at: seen.truncate() / seen.z, depth: None }
         };
-        adjust::Landmark { place: Some(place), sights: (0..5).map(sight).collect() }
+        adjust::Landmark { position: Some(position), observations: (0..5).map(observation).collect() }
     };
     let near =
         (0..60).map(|k| DVec3::new(f64::from(k % 8) / 9.0, f64::from(k / 8) / 9.0, 1.0 + f64::from(k % 3)));
@@ -242,9 +245,9 @@ fn depths_that_nothing_tells_do_not_count() {
     builder.poses = (0..5).map(|k| DAffine3::from_translation(DVec3::X * (0.5 * k as f64))).collect();
     let poses = builder.poses.clone();
     for mark in &mut builder.landmarks {
-        for sight in &mut mark.sights {
-            let seen = poses[sight.frame].transform_point3(mark.place.unwrap());
-            sight.at = seen.truncate() / seen.z;
+        for observation in &mut mark.observations {
+            let seen = poses[observation.frame].transform_point3(mark.position.unwrap());
+            observation.at = seen.truncate() / seen.z;
         }
     }
     assert!(depth_range(&builder, &camera) > 30.0);
@@ -259,10 +262,10 @@ fn a_scope_that_stands_still_stays_where_it_is() {
 }
 
 #[test]
-fn points_are_placed_by_known_poses_in_their_units() {
+fn points_are_triangulated_by_known_poses_in_their_units() {
     let folder = demo([320, 240], true);
     let truth = Sequence::open(folder.path()).unwrap();
-    let path = on_frames(|timeline| place(&truth, timeline, &mut unobserved));
+    let path = on_frames(|timeline| triangulate_with_known_poses(&truth, timeline, &mut unobserved));
     assert!(path.poses.is_empty() && path.points.len() > 100, "{}", path.points.len());
     for frame in [2, 12, 20] {
         let camera = truth.camera(frame);
@@ -274,7 +277,11 @@ fn points_are_placed_by_known_poses_in_their_units() {
     }
     let still = demo([320, 240], false);
     let still = Sequence::open(still.path()).unwrap();
-    assert!(on_frames(|timeline| place(&still, timeline, &mut unobserved)).points.is_empty());
+    assert!(
+        on_frames(|timeline| triangulate_with_known_poses(&still, timeline, &mut unobserved))
+            .points
+            .is_empty()
+    );
 }
 
 #[test]
@@ -313,20 +320,20 @@ fn a_pose_is_found_from_points_of_which_a_third_move() {
     );
     let marks: Vec<adjust::Landmark> = (0..60)
         .map(|k| {
-            let place = DVec3::new(
+            let position = DVec3::new(
                 f64::from(k % 8) / 8.0 - 0.4,
                 f64::from(k / 8) / 8.0 - 0.4,
                 1.0 + f64::from(k % 5) / 9.0,
             );
-            let seen = truth.transform_point3(place) + DVec3::X * if k % 3 == 0 { 0.1 } else { 0.0 };
-            let sight = adjust::Sight { frame: 0, at: seen.truncate() / seen.z, depth: None };
-            adjust::Landmark { place: Some(place), sights: vec![sight] }
+            let seen = truth.transform_point3(position) + DVec3::X * if k % 3 == 0 { 0.1 } else { 0.0 };
+            let observation = adjust::Observation { frame: 0, at: seen.truncate() / seen.z, depth: None };
+            adjust::Landmark { position: Some(position), observations: vec![observation] }
         })
         .collect();
     let mut found = DAffine3::IDENTITY;
     for cauchy_px in [6.0, 1.0, 0.1] {
-        let compare = adjust::Comparison { focal_px: 300.0, cauchy_px };
-        found = adjust::pose_of(0, found, &marks, compare, 40);
+        let residual = adjust::RobustResidual { focal_px: 300.0, cauchy_px };
+        found = adjust::pose_of(0, found, &marks, residual, 40);
     }
     assert!(found.abs_diff_eq(truth, 1e-3), "{found:?}");
 }

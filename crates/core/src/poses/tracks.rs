@@ -1,5 +1,5 @@
 //! Points followed through the frames. Optical flow between neighbouring frames, of half size, tells where a
-//! point goes; a patch around it, kept from the frame where it was found, then finds its exact place
+//! point goes; a patch around it, kept from the frame where it was found, then finds its exact position
 //! (Lucas and Kanade 1981; Baker and Matthews 2004, "inverse compositional"). So errors do not add up.
 
 use crate::{
@@ -20,9 +20,9 @@ const LEAST_SLOPE: f32 = 1.0;
 const GLARE: f32 = 245.0;
 /// Largest distance to where a point came from after following it forth and back, px.
 const LARGEST_RETURN: f32 = 1.5;
-/// Largest distance of the patch's place from the flow's, px.
+/// Largest distance of the patch's position from the flow's, px.
 const LARGEST_MENDING: f32 = 2.0;
-/// Likeness (correlation) of patches, from which a place is taken; and from which the patch is kept.
+/// Likeness (correlation) of patches, from which a position is taken; and from which the patch is kept.
 const ALIKE: f32 = 0.6;
 const VERY_ALIKE: f32 = 0.85;
 /// Share of the points that are found again at least, unless almost all are lost; and how many tell that.
@@ -68,7 +68,7 @@ struct Live {
 pub(super) struct Found {
     view: View,
     half: Grid<f32>,
-    /// Place of each point, and its new patch if the old one has become unlike; `None` if it is lost.
+    /// Position of each point, and its new patch if the old one has become unlike; `None` if it is lost.
     moved: Vec<Option<([f32; 2], Option<Patch>)>>,
 }
 
@@ -149,11 +149,11 @@ impl Follower {
         }
         let best = |cell: usize| {
             let [left, top] = [cell % columns, cell / columns].map(|k| k as f32 * side);
-            let places = (0..16).map(|k| {
+            let positions = (0..16).map(|k| {
                 [left + side * ((k % 4) as f32 + 0.5) / 4.0, top + side * ((k / 4) as f32 + 0.5) / 4.0]
             });
             let candidates =
-                places.map(|at| at.map(|v| v.floor())).filter_map(|at| Some((Patch::cut(view, at)?, at)));
+                positions.map(|at| at.map(|v| v.floor())).filter_map(|at| Some((Patch::cut(view, at)?, at)));
             candidates.max_by(|a, b| a.0.strength.total_cmp(&b.0.strength))
         };
         let found: Vec<Option<(Patch, [f32; 2])>> = (0..columns * rows)
@@ -269,7 +269,7 @@ impl Patch {
         })
     }
 
-    /// Finds the patch near `start`. Returns its place and likeness, at most 1; `None` if it runs away.
+    /// Finds the patch near `start`. Returns its position and likeness, at most 1; `None` if it runs away.
     fn found(&self, image: &Grid<f32>, start: [f32; 2]) -> Option<([f32; 2], f32)> {
         let mut at = start;
         let mut likeness = 0.0;

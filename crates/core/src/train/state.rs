@@ -206,8 +206,8 @@ fn path(
     let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
     if poses::are_wanted(sequence) {
         poses::estimate(sequence, timeline, DEFAULT_DEPTH, observer)
-    } else if poses::can_place(sequence) {
-        poses::place(sequence, timeline, observer)
+    } else if poses::can_triangulate(sequence) {
+        poses::triangulate_with_known_poses(sequence, timeline, observer)
     } else {
         Ok(ScopePath::default())
     }
