@@ -335,6 +335,6 @@ fn signalled(shell: &str, signal: &str) -> (Option<i32>, bool) {
 #[cfg(unix)]
 #[test]
 fn a_terminal_that_closes_keeps_the_work_and_nohup_goes_on() {
-    assert_eq!(signalled("exec env --default-signal=HUP \"$@\"", "HUP"), (Some(0), true));
+    assert_eq!(signalled("exec env --default-signal=HUP \"$@\"", "HUP"), (Some(1), true));
     assert_eq!(signalled("exec nohup \"$@\"", "HUP"), (Some(0), true));
 }
