@@ -318,12 +318,8 @@ impl Pipeline {
         if kept.is_some() {
             return kept;
         }
-        match self.source.render(&view, parts).and_then(|_| self.source.carry_marks(&view)) {
-            Ok(()) => {
-                let answers = self.source.scores(&view, questions);
-                let is_left_off = answers.iter().any(|answer| matches!(answer, Err(Error::Cancelled)));
-                (!is_left_off).then(|| answers.into_iter().map(shared).collect())
-            }
+        match self.source.render(&view, parts).and_then(|_| scores(&mut *self.source, &view, questions)) {
+            Ok(answers) => Some(answers),
             Err(Error::Cancelled) => None,
             Err(_) => Some(Vec::new()),
         }
@@ -421,15 +417,8 @@ impl Pipeline {
         if new.is_empty() {
             return Ok(());
         }
-        // Any other failure is that of the questions; the picture can be shown.
-        if matches!(self.source.carry_marks(view), Err(Error::Cancelled)) {
-            return Err(Error::Cancelled);
-        }
-        let answers = self.source.scores(view, &new);
-        if answers.iter().any(|answer| matches!(answer, Err(Error::Cancelled))) {
-            return Err(Error::Cancelled);
-        }
-        rendered.scores.extend(new.into_iter().zip(answers.into_iter().map(shared)));
+        let answers = scores(&mut *self.source, view, &new)?;
+        rendered.scores.extend(new.into_iter().zip(answers));
         Ok(())
     }
 
@@ -573,6 +562,20 @@ impl Rendered {
         let values: usize = scores.chain(&self.depth).map(|grid| grid.data.len()).sum();
         colour + size_of::<f32>() * values
     }
+}
+
+/// Carries the marks to a view that was just rendered, and asks it questions. The only error is that this was
+/// left off: any other is that of a question, and the picture can be shown.
+fn scores(source: &mut dyn FrameSource, view: &FrameView, questions: &[Question]) -> Result<Vec<Scores>> {
+    let is_left_off = |error: &Error| matches!(error, Error::Cancelled);
+    if source.carry_marks(view).is_err_and(|error| is_left_off(&error)) {
+        return Err(Error::Cancelled);
+    }
+    let answers = source.scores(view, questions);
+    if answers.iter().any(|answer| answer.as_ref().is_err_and(is_left_off)) {
+        return Err(Error::Cancelled);
+    }
+    Ok(answers.into_iter().map(shared).collect())
 }
 
 fn shared(scores: Result<Grid<f32>>) -> Scores {
