@@ -18,12 +18,14 @@ pub(super) struct Observation {
 }
 
 /// A point and its observations.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Landmark {
     /// Position in the world, in units of the typical depth; `None` if it is not known yet.
     pub position: Option<DVec3>,
     /// Observations in the order of the frames.
     pub observations: Vec<Observation>,
+    /// Depth at which it is expected where it was seen first, in units of the typical depth.
+    pub expected_depth: f64,
 }
 
 impl Landmark {
@@ -43,7 +45,7 @@ pub(super) struct RobustResidual {
     pub cauchy_px: f64,
 }
 
-/// Weight of the wish that a point is at the typical depth where it was seen first, px per relative
+/// Weight of the wish that a point is at its expected depth where it was seen first, px per relative
 /// difference: enough to hold what has no parallax, less than a pixel of parallax.
 const DEPTH_PRIOR_PX: f64 = 0.3;
 /// Weight of a measured depth, px per relative difference: an error of 5 % is as bad as a pixel.
@@ -79,13 +81,15 @@ impl RobustResidual {
         self.in_picture(observation, in_camera).extend(depth)
     }
 
-    /// Returns the cost of one landmark at `position`, px².
-    fn landmark_cost(self, poses: &[DAffine3], observations: &[Observation], position: DVec3) -> f64 {
+    /// Returns the cost of one landmark at `position`, in the frames before `end`, px².
+    fn landmark_cost(self, poses: &[DAffine3], landmark: &Landmark, end: usize, position: DVec3) -> f64 {
+        let observations = landmark.before(end);
         let seen = observations.iter().map(|s| {
             self.cost(self.difference(s, poses[s.frame].transform_point3(position)).length_squared())
         });
-        let first = unmeasured(observations)
-            .map_or(0.0, |s| DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(position).z - 1.0));
+        let first = unmeasured(observations).map_or(0.0, |s| {
+            DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(position).z / landmark.expected_depth - 1.0)
+        });
         seen.sum::<f64>() + first * first
     }
 }
@@ -216,7 +220,7 @@ impl Adjustment<'_> {
     fn cost(&self) -> f64 {
         let of = |mark: &&mut Landmark| {
             mark.position.map_or(0.0, |position| {
-                self.residual.landmark_cost(self.poses, mark.before(self.free.end), position)
+                self.residual.landmark_cost(self.poses, mark, self.free.end, position)
             })
         };
         self.landmarks.iter().map(of).sum()
@@ -291,8 +295,9 @@ impl Adjustment<'_> {
         }
         if let Some(first) = unmeasured(observations) {
             let pose = &self.poses[first.frame];
-            let row = pose.matrix3.transpose().z_axis * DEPTH_PRIOR_PX;
-            block.gradient += row * DEPTH_PRIOR_PX * (pose.transform_point3(position).z - 1.0);
+            let row = pose.matrix3.transpose().z_axis * (DEPTH_PRIOR_PX / mark.expected_depth);
+            let relative = pose.transform_point3(position).z / mark.expected_depth - 1.0;
+            block.gradient += row * DEPTH_PRIOR_PX * relative;
             block.point += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
         }
         block

@@ -201,6 +201,7 @@ impl Builder {
             near.truncate(NEIGHBOURS);
             let mut depths: Vec<f64> = near.into_iter().map(|(_, z)| z).collect();
             if let Some(z) = observation.depth.or_else(|| median(&mut depths)) {
+                self.landmarks[k].expected_depth = z;
                 let position = pose.inverse().transform_point3(observation.at.extend(1.0) * z);
                 self.landmarks[k].position = Some(position);
             }

@@ -61,6 +61,7 @@ impl Lens {
     pub(super) fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
         let landmark = |track: &Track| Landmark {
             position: None,
+            expected_depth: 1.0,
             observations: track.iter().map(|(frame, at)| self.observation(*frame, *at)).collect(),
         };
         tracks.iter().map(landmark).collect()

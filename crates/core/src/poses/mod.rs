@@ -42,7 +42,7 @@ const NEAREST_POINTS: usize = 12;
 /// looked at.
 const INLIER_PX: f64 = 1.5;
 /// Smallest share of inliers among the observations with which a path is believed.
-const MIN_INLIER_RATIO: f64 = 0.55;
+const MIN_INLIER_RATIO: f64 = 0.45;
 /// Smallest difference between the shares of inliers of a path and of a camera that stands still.
 const MIN_INLIER_GAIN: f64 = 0.2;
 /// Largest ratio of a far to a near depth of a surface.

@@ -231,7 +231,11 @@ fn depths_that_nothing_tells_do_not_count() {
             let seen = pose(frame).transform_point3(position);
             adjust::Observation { frame, at: seen.truncate() / seen.z, depth: None }
         };
-        adjust::Landmark { position: Some(position), observations: (0..5).map(observation).collect() }
+        adjust::Landmark {
+            position: Some(position),
+            expected_depth: 1.0,
+            observations: (0..5).map(observation).collect(),
+        }
     };
     let near =
         (0..60).map(|k| DVec3::new(f64::from(k % 8) / 9.0, f64::from(k / 8) / 9.0, 1.0 + f64::from(k % 3)));
@@ -251,6 +255,22 @@ fn depths_that_nothing_tells_do_not_count() {
         }
     }
     assert!(depth_range(&builder, &camera) > 30.0);
+}
+
+#[test]
+fn a_point_without_parallax_goes_to_the_depth_of_the_points_around() {
+    // A scope that has come near: what is new is seen at half the typical depth.
+    let mut poses = [DAffine3::from_translation(DVec3::new(0.0, 0.0, -0.5)); 2];
+    let observation = |frame: usize| adjust::Observation { frame, at: glam::DVec2::ZERO, depth: None };
+    let mut mark = adjust::Landmark {
+        position: Some(DVec3::new(0.0, 0.0, 1.4)),
+        expected_depth: 0.5,
+        observations: vec![observation(0), observation(1)],
+    };
+    let residual = adjust::RobustResidual { focal_px: 300.0, cauchy_px: 1.0 };
+    let landmarks = vec![&mut mark];
+    adjust::Adjustment { poses: &mut poses, landmarks, free: 2..2, residual }.solve(20);
+    assert!((mark.position.unwrap().z - 1.0).abs() < 1e-3, "{:?}", mark.position);
 }
 
 #[test]
@@ -327,7 +347,11 @@ fn a_pose_is_found_from_points_of_which_a_third_move() {
             );
             let seen = truth.transform_point3(position) + DVec3::X * if k % 3 == 0 { 0.1 } else { 0.0 };
             let observation = adjust::Observation { frame: 0, at: seen.truncate() / seen.z, depth: None };
-            adjust::Landmark { position: Some(position), observations: vec![observation] }
+            adjust::Landmark {
+                position: Some(position),
+                expected_depth: 1.0,
+                observations: vec![observation],
+            }
         })
         .collect();
     let mut found = DAffine3::IDENTITY;
