@@ -37,19 +37,20 @@ impl Summary {
 
     /// Adds the next row.
     fn with_row(mut self, row: &[f32], threshold: f32) -> Self {
-        let (mut found, mut max_score) = (0, self.max_score);
+        let mut found = 0;
         for (&score, column) in row.iter().zip(&mut self.columns) {
             // Also false for NaN.
-            if score > 0.0 {
-                self.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
-            }
-            max_score = max_score.max(score);
             let is_found = u32::from(score > threshold && score > 0.0);
             *column += is_found;
             found += is_found;
         }
-        self.max_score = max_score;
         self.rows.push(found);
+        for &score in row {
+            if score > 0.0 {
+                self.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
+            }
+        }
+        self.max_score = row.iter().copied().fold(self.max_score, f32::max);
         self
     }
 

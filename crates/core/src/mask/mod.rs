@@ -135,8 +135,8 @@ pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
     let row = |y: usize| mask.row(y).iter().map(|found| u32::from(*found));
     let mut rounded = Grid::filled(w, h, false);
     rounded.data.par_chunks_mut(w.max(1) * BAND).enumerate().for_each(|(band, out)| {
-        // Number of found pixels in the rows that are near, of each column.
-        let mut columns = vec![0_u32; w];
+        // Number of found pixels in the rows that are near: of each column, and of all columns before one.
+        let (mut columns, mut before) = (vec![0_u32; w], vec![0_u32; w + 1]);
         let mut rows = 0..0;
         for (y, out) in (band * BAND..).zip(out.chunks_exact_mut(w)) {
             let now = near(y, h);
@@ -147,11 +147,22 @@ pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
                 columns.iter_mut().zip(row(y)).for_each(|(sum, found)| *sum += found);
             }
             rows = now;
-            let mut found: u32 = columns.iter().take(radius_px).sum();
-            for (x, out) in out.iter_mut().enumerate() {
-                found += columns.get(x + radius_px).copied().unwrap_or(0);
-                found -= x.checked_sub(radius_px + 1).map_or(0, |x| columns[x]);
-                *out = 2 * found as usize > near(x, w).len() * rows.len();
+            let mut sum = 0;
+            before[1..].iter_mut().zip(&columns).for_each(|(before, column)| {
+                sum += column;
+                *before = sum;
+            });
+            let is_most = |x: usize| {
+                let near = near(x, w);
+                2 * (before[near.end] - before[near.start]) as usize > near.len() * rows.len()
+            };
+            let (left, right) = (radius_px.min(w), w.saturating_sub(radius_px).max(radius_px.min(w)));
+            (0..left).chain(right..w).for_each(|x| out[x] = is_most(x));
+            // Away from the edges all windows are as wide, which makes many pixels at once.
+            let most = ((2 * radius_px + 1) * rows.len()) as u32;
+            let ends = before.get(2 * radius_px + 1..).unwrap_or_default();
+            for ((out, start), end) in out[left..right].iter_mut().zip(&before).zip(ends) {
+                *out = 2 * (end - start) > most;
             }
         }
     });

@@ -7,6 +7,9 @@ use surgtpgs_core::{
     summary::{SCORE_BINS, Summary},
 };
 
+/// Columns and rows of the cells by which the place of a number is looked for.
+const CELL: usize = 4;
+
 /// Result of one prompt in one view.
 #[derive(Clone, Debug)]
 pub(crate) struct Found {
@@ -65,11 +68,26 @@ impl Found {
     }
 }
 
-/// Returns the place of a prompt's number: the innermost pixel, as share of width and height.
+/// Returns the place of a prompt's number, as share of width and height: the innermost of the cells that are
+/// found as a whole, or of the pixels where there is no such cell.
 fn anchor(mask: &Mask) -> Option<[f32; 2]> {
-    let (x, y) = mask::innermost(mask)?;
-    let share = |v: usize, n: usize| (v as f32 + 0.5) / n as f32;
-    Some([share(x, mask.width), share(y, mask.height)])
+    let innermost = |mask: &Mask, side: usize| {
+        let (x, y) = mask::innermost(mask)?;
+        Some([x, y].map(|v| (v as f32 + 0.5) * side as f32))
+    };
+    let [x, y] = innermost(&whole_cells(mask), CELL).or_else(|| innermost(mask, 1))?;
+    Some([x / mask.width as f32, y / mask.height as f32])
+}
+
+/// Returns the square cells of [`CELL`] columns and rows of which every pixel is in the mask.
+fn whole_cells(mask: &Mask) -> Mask {
+    let (width, height) = (mask.width / CELL, mask.height / CELL);
+    let mut cells = Grid::filled(width, height, true);
+    for y in 0..height * CELL {
+        let row = mask.row(y).chunks_exact(CELL).map(|cell| cell.iter().all(|found| *found));
+        cells.data[y / CELL * width..][..width].iter_mut().zip(row).for_each(|(cell, found)| *cell &= found);
+    }
+    cells
 }
 
 #[cfg(test)]
