@@ -178,6 +178,16 @@ fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
     let whole = run_in(batch.path(), &whole).ok().json();
     let resumed: Value = serde_json::from_str(&batch.read("long/steps/train.json")).unwrap();
     assert_eq!(resumed["report"]["psnr_db"], whole["psnr_db"]);
+
+    // With other settings, a training that is stopped leaves the scene that is there.
+    let scene = || fs::read(batch.path().join("jobs/short/scene.safetensors")).unwrap();
+    let before = scene();
+    batch.write("[[recording]]\npath = \"good\"\nname = \"short\"\niterations = 1000000\n");
+    let mut child = batch.start_until_training(1);
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert!(scene() == before && batch.path().join("jobs/short/scene.unfinished").exists());
+    assert_eq!(state("short", "train"), "unfinished");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
 };
-use surgtpgs_tests::{Run, binary, command_in, run_in, signal};
+use surgtpgs_tests::{Run, binary, command_in, run_in, signal, start_until_training};
 
 /// A verb that writes; `OUT` stands for its output.
 struct Verb {
@@ -360,4 +360,29 @@ fn whatever_goes_wrong_while_a_result_is_replaced_the_earlier_one_stays() {
         assert_eq!(names, whole.into_keys().collect::<Vec<_>>(), "{:?}: nothing is left behind", verb.args);
     }
     assert!(signals >= 9, "only {signals} runs were stopped by a signal");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_training_that_is_stopped_replaces_no_whole_scene_and_goes_on() {
+    let folder = workplace();
+    let read = |name: &str| fs::read(folder.path().join(name)).ok();
+    let train = ["train", "prepared", "--backend", "cpu", "-o"];
+    let stop = |scene: &str, args: &[&str]| {
+        let mut child = start_until_training(folder.path(), &[&train[..], &[scene], args].concat(), 1);
+        signal(&child, "-TERM");
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{args:?}");
+    };
+    let endless = ["--iterations", "1000000", "--force"];
+    for (scene, checkpoint) in [(SCENE, "scene.unfinished"), ("new.safetensors", "new.unfinished")] {
+        let (whole, mut kept) = (read(scene), None);
+        for args in [&endless[..], &["--resume"], &endless] {
+            stop(scene, args);
+            assert!(whole.is_none() || read(scene) == whole, "{scene}, {args:?}");
+            assert!(read(scene).is_some() && read(checkpoint) != kept, "{scene}, {args:?}");
+            kept = read(checkpoint);
+        }
+        let refused = run_in(folder.path(), &[&train[..], &[scene]].concat());
+        assert!(refused.refused(1).contains("--resume"), "{refused:#?}");
+    }
 }

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     files::OutputFile,
+    scene::Scene,
     train::{FeatureMode, Plan, Profile, Quality, StepReport, TrainSettings, Trainer},
 };
 
@@ -211,7 +212,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         jobs::remove_chapters(output.path())?;
     } else {
         let then = if place.has_unfinished() { ", and --resume goes on from here" } else { "" };
-        say(&format!("stopped after {} steps; the scene is saved{then}", report.steps));
+        let scene = if place.has_whole() { "the earlier scene stays" } else { "the scene is saved" };
+        say(&format!("stopped after {} steps; {scene}{then}", report.steps));
     }
     if report.dropped_steps > 0 {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
@@ -246,6 +248,19 @@ impl Place<'_> {
     /// Returns `true` if there is something to go on from.
     fn has_unfinished(&self) -> bool {
         self.checkpoint.exists() || !jobs::chapters_beside(self.scene).is_empty()
+    }
+
+    /// Returns `true` if there is a scene that was trained to the end.
+    fn has_whole(&self) -> bool {
+        jobs::is_whole_scene(self.scene)
+    }
+
+    /// Writes the scene; one whose training was stopped does not replace a whole one.
+    fn write(&self, output: &OutputFile, scene: &Scene, is_finished: bool) -> Result<()> {
+        if !is_finished && self.has_whole() {
+            return Ok(());
+        }
+        output.write_with(|file| scene.write(file, false))
     }
 
     /// Says that work is kept, after an error.
@@ -326,8 +341,9 @@ fn train_whole(
     let trained = jobs::go_on(&mut trainer, Some(place.checkpoint), &mut |p| view.show(p), &mut |_, _| {});
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
-    output.write(&trained.scene.to_bytes()?)?;
-    let mut report = TrainReport::of(&trained, trained.steps >= asked, trainer.backend_name());
+    let is_finished = trained.steps >= asked;
+    place.write(output, &trained.scene, is_finished)?;
+    let mut report = TrainReport::of(&trained, is_finished, trainer.backend_name());
     report.warnings.extend(scope);
     Ok(report)
 }
@@ -365,8 +381,9 @@ fn train_chapters(
     };
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
-    output.write_with(|file| trained.scene.write(file, false))?;
-    let mut report = TrainReport::of(&trained, course.is_whole(&trained), backend);
+    let is_finished = course.is_whole(&trained);
+    place.write(output, &trained.scene, is_finished)?;
+    let mut report = TrainReport::of(&trained, is_finished, backend);
     report.warnings.extend(trained.notes);
     Ok(report)
 }

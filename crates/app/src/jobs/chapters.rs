@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     progress::{Observer, Progress},
-    scene::{Chapter, Scene},
+    scene::{Chapter, Provenance, Scene},
     train::{Plan, StepReport, TrainSettings, Trainer, psnr_db},
 };
 
@@ -95,6 +95,27 @@ pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSetti
     Ok(agrees && part.provenance.steps >= wanted.iterations)
 }
 
+/// Steps of a training that was stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopped {
+    /// Number of steps done; of chapters, their mean.
+    pub steps: usize,
+    /// Number of steps that were to be done.
+    pub of: usize,
+}
+
+/// Returns where the training of the scene in a file was stopped; `None` if it was not, or nothing tells.
+pub fn stopped_at(scene: &Path) -> Option<Stopped> {
+    let made = Scene::provenance_of(scene)?;
+    let (steps, of) = (made.steps, settings_in(&made)?.iterations);
+    (steps < of).then_some(Stopped { steps, of })
+}
+
+/// Returns `true` if there is a scene whose training was not stopped: an unfinished one must not replace it.
+pub fn is_whole_scene(path: &Path) -> bool {
+    path.exists() && stopped_at(path).is_none()
+}
+
 /// Settings that a training with these on `material` records.
 fn settings_for(material: &Material, settings: &TrainSettings) -> TrainSettings {
     let is_held_out = material.prepared().is_some_and(|prepared| prepared.eval);
@@ -141,7 +162,12 @@ fn are_of_one_training(a: &Scene, b: &Scene) -> bool {
 
 /// Settings that a scene was trained with.
 fn settings(scene: &Scene) -> Option<TrainSettings> {
-    serde_json::from_value(scene.provenance.settings.clone()).ok()
+    settings_in(&scene.provenance)
+}
+
+/// Settings in the record of how a scene was made.
+fn settings_in(made: &Provenance) -> Option<TrainSettings> {
+    serde_json::from_value(made.settings.clone()).ok()
 }
 
 impl Course<'_> {
@@ -457,5 +483,21 @@ mod tests {
         assert_eq!(settings_of_chapters(&scene).unwrap().unwrap().seed, 1);
         remove_chapters(&scene).unwrap();
         assert!(chapters_beside(&scene).is_empty());
+    }
+
+    #[test]
+    fn a_scene_is_whole_unless_its_training_was_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.safetensors");
+        assert!(!is_whole_scene(&path), "there is none");
+        let mut scene = surgtpgs_core::stress::ordinary(4);
+        scene.save(&path).unwrap();
+        assert!(is_whole_scene(&path), "nothing is known");
+        scene.provenance.settings = serde_json::json!(TrainSettings { iterations: 9, ..Default::default() });
+        for (steps, stopped) in [(8, Some(Stopped { steps: 8, of: 9 })), (9, None)] {
+            scene.provenance.steps = steps;
+            scene.save(&path).unwrap();
+            assert_eq!((stopped_at(&path), is_whole_scene(&path)), (stopped, stopped.is_none()));
+        }
     }
 }

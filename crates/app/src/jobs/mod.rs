@@ -14,8 +14,8 @@ mod train;
 mod vanishing_tests;
 
 pub use chapters::{
-    Course, Watched, chapter_path, chapters_beside, is_finished_chapter, join, remove_chapters,
-    settings_of_chapters,
+    Course, Stopped, Watched, chapter_path, chapters_beside, is_finished_chapter, is_whole_scene, join,
+    remove_chapters, settings_of_chapters, stopped_at,
 };
 pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};

@@ -3,9 +3,8 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        Backend, TrainRequest, Words,
+        Backend, TrainRequest, Words, free_scene_path,
         paths::{PathAsk, PathKind, Picked},
-        scene_path,
         task::{Task, TaskEvent},
     },
     command::{Command, entry},
@@ -20,10 +19,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{CollapsingHeader, Context, Frame, Margin, ProgressBar, RichText, Ui};
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::Path, sync::Arc};
 use surgtpgs_core::train::{Quality, TrainSettings};
 
 /// Returns the name of a quality, and its purpose.
@@ -55,7 +51,7 @@ impl Asked {
     fn new(shared: &Shared) -> Option<Self> {
         let info = shared.info()?;
         let (recording, name) = (info.recording.clone()?, &info.name);
-        let scene = free_file(&info.output_folder, name, &shared.reconstruction.planned_scenes());
+        let scene = free_scene_path(&info.output_folder, name, &shared.reconstruction.planned_scenes());
         let models = ModelsForm::new(shared.preferences.models.clone());
         let words = if info.has_labels {
             Words::Labels
@@ -100,12 +96,6 @@ impl Asked {
         };
         self.picking = Some(Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask))));
     }
-}
-
-/// Returns the path of a scene file that does not exist yet, so that nothing is overwritten.
-fn free_file(folder: &Path, name: &str, planned: &[PathBuf]) -> PathBuf {
-    let path = |i| scene_path(folder, name, i);
-    (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
 }
 
 /// Available memory below which the system may end training, bytes.
@@ -355,20 +345,4 @@ fn asked_ui(
         (start, ui.button("Cancel").clicked())
     })
     .inner
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_scene_is_written_over() {
-        let folder = tempfile::tempdir().unwrap();
-        let [first, second, third] =
-            ["clip", "clip-2", "clip-3"].map(|n| folder.path().join(format!("{n}.safetensors")));
-        assert_eq!(free_file(folder.path(), "clip", &[]), first);
-        std::fs::write(&first, "").unwrap();
-        assert_eq!(free_file(folder.path(), "clip", &[]), second);
-        assert_eq!(free_file(folder.path(), "clip", &[second]), third);
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::scene::SceneSource;
 use crate::viewer::backend::{
-    Models, PREPARING, TrainNews, TrainRequest, Words,
+    Models, PREPARING, TrainNews, TrainRequest, Words, free_scene_path,
     task::{NOT_SAVED, TaskContext},
 };
 use crate::{
@@ -18,6 +18,7 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
+    files::OutputFile,
     prepare::Prepared,
     scene::Scene,
     segment::{Level, MaskSettings},
@@ -78,9 +79,22 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     if trained.steps == 0 {
         return Err(Error::Cancelled);
     }
-    save_with_patience(trained.steps, &|| output.write_with(|file| trained.scene.write(file, false)), task)?;
+    let write = |output: &OutputFile| output.write_with(|file| trained.scene.write(file, false));
+    // A training that was stopped does not replace a whole scene.
+    if !course.is_whole(&trained) && jobs::is_whole_scene(output.path()) {
+        let beside = stopped_beside(&request.scene);
+        let save = || write(&outputs::scene_file(&beside, &inputs, false)?);
+        return save_with_patience(trained.steps, &save, task).map(|()| beside);
+    }
+    save_with_patience(trained.steps, &|| write(&output), task)?;
     course.clear(&trained)?;
     Ok(request.scene.clone())
+}
+
+/// Returns a free path beside a scene, for one whose training was stopped.
+fn stopped_beside(scene: &Path) -> PathBuf {
+    let (folder, name) = (scene.parent().unwrap_or(Path::new(".")), scene.file_stem().unwrap_or_default());
+    free_scene_path(folder, &format!("{}-stopped", name.to_string_lossy()), &[])
 }
 
 /// Prepares a recording with networks, in a folder beside the scene that stays: after a stop, or with other
@@ -236,6 +250,7 @@ mod tests {
             excluded: Vec::new(),
             words: Words::Labels,
         };
+        let again = request.clone();
         let train = move |task: &TaskContext<TrainNews>| reconstruct(&request, task).map(drop);
         let mut task = Task::start("training", &egui::Context::default(), train);
         wait(&mut task, false).unwrap().unwrap();
@@ -248,6 +263,13 @@ mod tests {
         surgtpgs_core::demo::write(&fewer, &other, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::copy(&scene, folder.path().join("other.safetensors")).unwrap();
         assert_eq!(made_before(&other), None, "another recording's");
+
+        let whole = std::fs::read(&scene).unwrap();
+        for name in ["clip-stopped.safetensors", "clip-stopped-2.safetensors"] {
+            let stopping = TaskContext::stopping_at(|p| p.stage == jobs::TRAINING);
+            assert_eq!(reconstruct(&again, &stopping).unwrap(), folder.path().join(name));
+        }
+        assert!(std::fs::read(&scene).unwrap() == whole, "a stopped training does not replace a whole scene");
     }
 
     /// Writes a recording of two colours, and networks that tell colours apart.
