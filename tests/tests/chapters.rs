@@ -86,6 +86,39 @@ fn chapters_as_jobs_of_a_batch_come_to_the_same_bytes_as_the_batch_alone() {
 
 #[cfg(unix)]
 #[test]
+fn a_chapter_of_other_settings_that_was_stopped_is_not_gone_on_with() {
+    let place = place();
+    let folder = place.path();
+    let write = |iterations: u32| {
+        let defaults = "chapter_frames = 8\nbackend = \"cpu\"";
+        let jobs = format!("[[recording]]\npath = \"recording\"\n{defaults}\niterations = {iterations}\n");
+        fs::write(folder.join("jobs.toml"), jobs).unwrap();
+    };
+    let batch = ["batch", "jobs.toml", "--only", "recording"];
+    let first = [&batch[..], &["--chapter", "0"]].concat();
+    write(5000);
+    let mut child = start_until_training(folder, &first, 1);
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let made = folder.join("jobs/recording");
+    assert!(made.join("scene.chapter-0000.unfinished").exists());
+
+    let part = "jobs/recording/scene.chapter-0000.safetensors";
+    let some = run_in(folder, &["join", part, "-o", "some.safetensors", "--json"]).ok();
+    assert_eq!(some.json()["unfinished_chapters"], 1);
+    assert!(some.stderr.contains("of 5000 steps"), "{}", some.stderr);
+
+    write(6);
+    run_in(folder, &first).ok();
+    let some = run_in(folder, &["join", part, "-o", "some.safetensors", "--force", "--json"]).ok();
+    assert_eq!(some.json()["unfinished_chapters"], 0);
+    run_in(folder, &[&batch[..], &["--step", "train"]].concat()).ok();
+    assert!(!names(&made).iter().any(|name| name.contains("chapter-")));
+    assert!(fs::read_to_string(made.join("steps/train.json")).unwrap().contains("\"steps\": 18"));
+}
+
+#[cfg(unix)]
+#[test]
 fn a_killed_training_goes_on_with_the_chapter_it_was_in() {
     let place = place();
     let folder = place.path();

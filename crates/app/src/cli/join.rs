@@ -37,6 +37,8 @@ struct JoinReport {
     frames: usize,
     /// Frames that no chapter shows.
     missing_frames: usize,
+    /// Chapters whose training was stopped.
+    unfinished_chapters: usize,
     bytes: u64,
 }
 
@@ -44,6 +46,8 @@ impl Run for JoinArgs {
     fn run(&self) -> Result<Exit> {
         self.parts.iter().try_for_each(|part| require_for(&Work::Scene(part)))?;
         let scene = jobs::join(&self.parts)?;
+        let stopped: Vec<_> =
+            self.parts.iter().filter_map(|part| Some((part, jobs::stopped_at(part)?))).collect();
         let inputs = self.parts.iter().fold(Inputs::none(), |inputs, part| inputs.with("a chapter", part));
         let inputs = inputs.with("the scene's recording", &scene.provenance.sequence_path);
         outputs::scene_file(&self.output, &inputs, self.force)?
@@ -53,10 +57,17 @@ impl Run for JoinArgs {
             chapters: scene.chapters.iter().len(),
             frames,
             missing_frames: scene.chapters.num_missing(frames),
+            unfinished_chapters: stopped.len(),
             bytes: self.output.metadata().map_or(0, |about| about.len()),
         };
         if report.missing_frames > 0 {
             say(&format!("note: {} frames are in none of these chapters", report.missing_frames));
+        }
+        for (part, jobs::Stopped { steps, of }) in stopped {
+            say(&format!(
+                "note: the training of {} was stopped after {steps} of {of} steps; `train --resume` goes on with it",
+                part.display()
+            ));
         }
         let text = format!("{} chapters, {frames} frames\n{}\n", report.chapters, self.output.display());
         print_report(&report, &text, self.json)?;

@@ -3,7 +3,7 @@
 use super::{
     backend,
     material::Material,
-    train::{Trained, go_on, remove_file},
+    train::{Trained, checkpoint_path, go_on, remove_file},
 };
 use crate::{
     engine::BackendChoice,
@@ -15,7 +15,7 @@ use surgtpgs_core::{
     Error, Result,
     progress::{Observer, Progress},
     scene::{Chapter, Provenance, Scene},
-    train::{Plan, StepReport, TrainSettings, Trainer, psnr_db},
+    train::{Plan, StepReport, TrainSettings, Trainer, is_checkpoint, psnr_db},
 };
 
 /// A training in chapters.
@@ -62,14 +62,23 @@ pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
 
 /// Returns the chapters that lie beside a scene file, whichever they are: the window trains in any order.
 pub fn chapters_beside(scene: &Path) -> Vec<PathBuf> {
+    let is_scene = |path: &PathBuf| *path == path.with_extension("safetensors") && Scene::is_own_file(path);
+    files_of_chapters(scene).into_iter().filter(is_scene).collect()
+}
+
+/// Returns the files beside a scene file that have the name of one of its chapters, with any ending.
+fn files_of_chapters(scene: &Path) -> Vec<PathBuf> {
     let start = scene.with_extension(CHAPTER);
     let Some(start) = start.file_name().map(|name| name.to_string_lossy().into_owned()) else {
         return Vec::new();
     };
     let folder = scene.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let names = |path: &PathBuf| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&start));
+    let is_of_chapter = |path: &PathBuf| {
+        let stem = path.file_stem().map(|stem| stem.to_string_lossy()).unwrap_or_default();
+        stem.strip_prefix(&start).is_some_and(|number| number.parse::<usize>().is_ok())
+    };
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut paths: Vec<PathBuf> = entries.filter(|path| names(path) && Scene::is_own_file(path)).collect();
+    let mut paths: Vec<PathBuf> = entries.filter(is_of_chapter).collect();
     paths.sort_unstable();
     paths
 }
@@ -122,9 +131,11 @@ fn settings_for(material: &Material, settings: &TrainSettings) -> TrainSettings 
     TrainSettings { eval: settings.eval || is_held_out, ..settings.clone() }
 }
 
-/// Removes the chapters that lie beside a scene file.
+/// Removes the chapters that lie beside a scene file, and what keeps the unfinished training of one.
 pub fn remove_chapters(scene: &Path) -> Result<()> {
-    chapters_beside(scene).iter().try_for_each(|path| remove_file(path))
+    let is_unfinished = |path: &PathBuf| *path == checkpoint_path(path) && is_checkpoint(path);
+    let unfinished = files_of_chapters(scene).into_iter().filter(is_unfinished);
+    chapters_beside(scene).into_iter().chain(unfinished).try_for_each(|path| remove_file(&path))
 }
 
 /// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in
@@ -481,8 +492,15 @@ mod tests {
         // Those of a window that began in the middle are known, too.
         std::fs::remove_file(&paths[0]).unwrap();
         assert_eq!(settings_of_chapters(&scene).unwrap().unwrap().seed, 1);
+        let unfinished = checkpoint_path(&paths[0]);
+        std::fs::write(&unfinished, b"SurgTPGS train 9, and so on").unwrap();
+        let theirs = ["a.chapter-0001.unfinished", "a.chapter-best.safetensors"];
+        let theirs = theirs.map(|name| here.folder.path().join(name));
+        std::fs::write(&theirs[0], "notes").unwrap();
+        std::fs::copy(&paths[1], &theirs[1]).unwrap();
         remove_chapters(&scene).unwrap();
-        assert!(chapters_beside(&scene).is_empty());
+        assert!(chapters_beside(&scene).is_empty() && !unfinished.exists());
+        assert!(theirs.iter().all(|path| path.exists()), "no files of ours");
     }
 
     #[test]
