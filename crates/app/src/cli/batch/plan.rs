@@ -86,6 +86,9 @@ const FEATURE_SOURCES: [&str; 6] =
 /// Key of the marks. Beside another source of features they correct what it finds.
 const MARKS: &str = "marks";
 
+/// Key of the parts of the frames to hide. A prepared folder knows them itself.
+const HIDE: &str = "hide";
+
 impl BatchPlan {
     /// Reads a jobs file; `output` replaces the folder that it names.
     pub(super) fn read(path: &Path, output: Option<&Path>) -> Result<Self> {
@@ -187,8 +190,12 @@ impl BatchJob {
                 command.extend(["--sequence".into(), self.recording.clone().into_os_string()]);
             }
             let mut inputs = Vec::new();
-            let corrects = step == Step::Prepare && has_any(&FEATURE_SOURCES[..FEATURE_SOURCES.len() - 1]);
-            for arg in verbs.options(step).filter(|arg| !(corrects && arg.get_long() == Some(MARKS))) {
+            let left_out = match step {
+                Step::Prepare if has_any(&FEATURE_SOURCES[..FEATURE_SOURCES.len() - 1]) => Some(MARKS),
+                Step::Train if has_features => Some(HIDE),
+                _ => None,
+            };
+            for arg in verbs.options(step).filter(|arg| arg.get_long() != left_out) {
                 if let Some(value) = keys_of(arg).iter().find_map(|key| settings.get(key)) {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
@@ -347,6 +354,15 @@ mod tests {
         let all = lines("[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\nlabels = true\n");
         assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --labels");
         assert!(all[2].ends_with("/out/a/eval --marks=/m.json"), "{all:?}");
+    }
+
+    #[test]
+    fn what_is_hidden_is_decided_when_features_are_made() {
+        let hide = "[[recording]]\npath = \"/data/a\"\nhide = [\"0,0,9,9\", \"5,5,9,9\"]\n";
+        let all = lines(&format!("{hide}labels = true\n"));
+        let hidden = |line: &str| line.matches(" --hide=").count();
+        assert_eq!(all.iter().map(|line| hidden(line)).collect::<Vec<_>>(), [2, 0, 0]);
+        assert_eq!(lines(hide).iter().map(|line| hidden(line)).collect::<Vec<_>>(), [2, 0]);
     }
 
     #[test]
