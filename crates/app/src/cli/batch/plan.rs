@@ -79,6 +79,9 @@ impl BatchJob {
 const OWN: [&str; 9] =
     ["output", "sequence", "chapter", "force", "resume", "json", "masks", "langsplat", "help"];
 
+/// Keys that a recording has beside options.
+const OF_RECORDING: [&str; 2] = ["name", "path"];
+
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
 const FEATURE_SOURCES: [&str; 6] =
     ["labels", "labels_from", "masks_model", "features", "dense_encoder", MARKS];
@@ -111,18 +114,19 @@ impl BatchPlan {
             return Err("the results' folder would have the name of this file: give an `output`".into());
         }
         let verbs = Verbs::new();
-        verbs.require_known(&file.defaults, &[])?;
-        let mut named = Vec::new();
-        for (i, table) in file.recording.iter().enumerate() {
-            verbs.require_known(table, &["name", "path"])?;
-            named.push(identity(table, beside).map_err(|what| format!("recording {}: {what}", i + 1))?);
+        let defaults = verbs.settings(file.defaults, &[])?;
+        let (mut named, mut own_settings) = (Vec::new(), Vec::new());
+        for (i, table) in file.recording.into_iter().enumerate() {
+            let own = verbs.settings(table, &OF_RECORDING)?;
+            named.push(identity(&own, beside).map_err(|what| format!("recording {}: {what}", i + 1))?);
+            own_settings.push(own);
         }
         require_distinct(&named)?;
         let names: Vec<&str> = named.iter().map(|(name, _)| name.as_str()).collect();
         let folders = folder_names(&names);
         let mut jobs = Vec::new();
-        for ((own, (name, recording)), folder) in file.recording.into_iter().zip(named).zip(folders) {
-            let mut settings = file.defaults.clone();
+        for ((own, (name, recording)), folder) in own_settings.into_iter().zip(named).zip(folders) {
+            let mut settings = defaults.clone();
             settings.extend(own);
             let mut job = BatchJob {
                 folder: output.join(folder),
@@ -171,7 +175,7 @@ impl BatchJob {
     fn add_tasks(&mut self, settings: &Table, beside: &Path, verbs: &Verbs) -> Result<(), String> {
         let has_any = |keys: &[&str]| keys.iter().any(|key| settings.get(*key).is_some_and(is_given));
         let has_features = has_any(&FEATURE_SOURCES);
-        let has_prompts = has_features && has_any(&["prompt", "prompts"]);
+        let has_prompts = has_features && has_any(&["prompt"]);
         let (prepared, scene) = (self.folder.join("prepared"), self.folder.join("scene.safetensors"));
         for step in Step::ALL {
             let (subjects, output) = match step {
@@ -196,7 +200,7 @@ impl BatchJob {
                 _ => None,
             };
             for arg in verbs.options(step).filter(|arg| arg.get_long() != left_out) {
-                if let Some(value) = keys_of(arg).iter().find_map(|key| settings.get(key)) {
+                if let Some(value) = key_of(arg).and_then(|key| settings.get(&key)) {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
             }
@@ -263,10 +267,15 @@ fn is_path(arg: &Arg) -> bool {
     matches!(arg.get_value_hint(), ValueHint::AnyPath | ValueHint::DirPath)
 }
 
+/// Returns the key of an option, under which settings are kept.
+fn key_of(arg: &Arg) -> Option<String> {
+    keys_of(arg).next()
+}
+
 /// Returns the keys that stand for an option: its name and its other names.
-fn keys_of(arg: &Arg) -> Vec<String> {
+fn keys_of(arg: &Arg) -> impl Iterator<Item = String> {
     let names = arg.get_long().into_iter().chain(arg.get_all_aliases().unwrap_or_default());
-    names.map(|name| name.replace('-', "_")).collect()
+    names.map(|name| name.replace('-', "_"))
 }
 
 /// Options of the steps' verbs.
@@ -288,23 +297,33 @@ impl Verbs {
         self.0.iter().filter(move |(s, _)| *s == step).flat_map(|(_, args)| args)
     }
 
-    /// Fails if the table has a key that is neither an option nor one of `own`.
-    fn require_known(&self, table: &Table, own: &[&str]) -> Result<(), String> {
-        let is_option =
-            |key: &str| self.0.iter().flat_map(|(_, args)| args).any(|a| keys_of(a).iter().any(|k| k == key));
-        match table.keys().find(|key| !own.contains(&key.as_str()) && !is_option(key)) {
-            Some(key) => Err(format!("unknown key \"{key}\"; there are {}", self.keys().join(", "))),
-            None => Ok(()),
+    /// Returns the settings in a table, each under the key of its option. Fails if the table has a key that is
+    /// neither an option nor one of `own`, or two keys of one option.
+    fn settings(&self, table: Table, own: &[&str]) -> Result<Table, String> {
+        let mut settings = Table::new();
+        for (name, value) in table {
+            let option = || self.all().find(|arg| keys_of(arg).any(|key| key == name)).and_then(key_of);
+            let key = if own.contains(&name.as_str()) { Some(name.clone()) } else { option() };
+            let Some(key) = key else {
+                return Err(format!("unknown key \"{name}\"; there are {}", self.keys().join(", ")));
+            };
+            if settings.insert(key.clone(), value).is_some() {
+                return Err(format!("\"{key}\" is given by two of its names: give it once"));
+            }
         }
+        Ok(settings)
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Arg> {
+        self.0.iter().flat_map(|(_, args)| args)
     }
 
     /// Returns all keys, for a message to people.
     fn keys(&self) -> Vec<String> {
-        let mut keys: Vec<String> =
-            self.0.iter().flat_map(|(_, args)| args).filter_map(|a| keys_of(a).into_iter().next()).collect();
+        let mut keys: Vec<String> = self.all().filter_map(key_of).collect();
         keys.sort_unstable();
         keys.dedup();
-        ["name".into(), "path".into()].into_iter().chain(keys).collect()
+        OF_RECORDING.map(str::to_owned).into_iter().chain(keys).collect()
     }
 }
 
@@ -366,6 +385,21 @@ mod tests {
     }
 
     #[test]
+    fn a_recordings_own_setting_counts_by_any_of_its_names() {
+        for (default, own) in [("prompt", "prompts"), ("prompts", "prompt")] {
+            let all = lines(&format!(
+                "[defaults]\nlabels = true\n{default} = [\"liver\", \"fat\"]\nformat = \"index\"\n\
+                 [[recording]]\npath = \"/data/a\"\n{own} = [\"gallbladder\"]\nformats = [\"csv\"]\n"
+            ));
+            assert!(all[3].ends_with("--prompt=gallbladder --format=csv"), "{all:?}");
+            let none = lines(&format!(
+                "[defaults]\nlabels = true\n{default} = \"liver\"\n[[recording]]\npath = \"/a\"\n{own} = []\n"
+            ));
+            assert_eq!(none.len(), 3, "nothing to export");
+        }
+    }
+
+    #[test]
     fn paths_begin_where_the_file_is() {
         let plan = read("[[recording]]\npath = \"a\"\nmasks_model = \"sam\"\nimage_encoder = \"../clip\"\n")
             .unwrap();
@@ -399,6 +433,10 @@ mod tests {
             ),
             (&format!("[defaults]\npath = \"a\"\n{a}"), "unknown key \"path\""),
             (&format!("{a}force = true\n"), "unknown key \"force\""),
+            (
+                &format!("{a}prompt = \"liver\"\nprompts = [\"fat\"]\n"),
+                "\"prompt\" is given by two of its names",
+            ),
             (&format!("{a}{a}"), "two recordings have the name \"a\""),
             (&format!("{a}eval = 1\n"), "recording \"a\": eval = 1 is not true or false"),
             (&format!("{a}profile = \"best\"\n"), "invalid value 'best' for '--profile"),
