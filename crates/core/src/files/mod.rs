@@ -25,5 +25,5 @@ pub use output_file::{FileClaim, OutputFile};
 pub use paths::{absolute_path, full_path};
 pub use place::{Inputs, require_apart};
 pub(crate) use record::is_taken;
-pub use record::{is_free_folder, unfinished_kind};
+pub use record::{is_aside, is_free_folder, unfinished_kind};
 pub use whole::{WholeFile, write_whole, write_whole_with};

@@ -7,6 +7,7 @@
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
+    ffi::OsStr,
     fs::{File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
     path::{Component, Path, PathBuf},
@@ -192,11 +193,20 @@ pub fn unfinished_kind(folder: &Path) -> Option<String> {
 /// Files that file managers leave in the folders they open.
 const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
 
+/// Tells if a file is part of nothing by its name: it is hidden, or one that file managers leave.
+pub fn is_aside(name: &OsStr) -> bool {
+    is_dropping(name) || name.as_encoded_bytes().starts_with(b".")
+}
+
+fn is_dropping(name: &OsStr) -> bool {
+    DROPPINGS.iter().any(|dropping| name == *dropping)
+}
+
 /// Tells if a file is no result: it is one that this program keeps beside its own, or that
 /// file managers leave.
 pub(super) fn is_own(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
-    DROPPINGS.iter().any(|dropping| name == *dropping)
+    is_dropping(name)
         || name == RECORD_FILE && path.parent().is_some_and(is_taken)
         || name == LOCK_FILE
         || name.to_string_lossy().starts_with(TEMPORARY)

@@ -1,6 +1,7 @@
 //! Facts that tell a recording from others, kept beside its results.
 
 use rayon::prelude::*;
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::{
     path::{Path, PathBuf},
@@ -8,10 +9,10 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    files::write_whole,
+    files::{is_aside, write_whole},
     hash::{file_sha256, sha256},
     reading::read_regular,
-    sequence::{Identity, Sequence, settings_files},
+    sequence::{Identity, Sequence, Settings, settings_files},
 };
 use walkdir::{DirEntry, WalkDir};
 
@@ -71,19 +72,35 @@ impl RecordingFacts {
     }
 }
 
-/// Returns the paths of a recording and of its settings files, which may lie beside it.
+/// Returns the paths of a recording, of its settings files, and of the labels that these name. They may lie
+/// beside it.
 fn places_of(recording: &Path) -> Vec<PathBuf> {
-    let settings = settings_files(recording).into_iter().filter(|file| !file.starts_with(recording));
-    std::iter::once(recording.to_owned()).chain(settings).collect()
+    let settings = settings_files(recording);
+    // Settings that cannot be read are an error of the recording, which its steps report.
+    let named = |file: &PathBuf| Some(file.with_file_name(Settings::read(file).ok()?.labels.file?));
+    let labels = settings.first().and_then(named);
+    let settings = settings.into_iter().filter(|file| !file.starts_with(recording));
+    std::iter::once(recording.to_owned()).chain(settings).chain(labels).collect()
 }
 
-/// Returns the files at `places`, each with its path from there; those under `except` are left out.
+/// Returns the mask pictures that a file of marks names, seen from there; none if it is another file.
+pub(super) fn masks_named_by(marks: &Path) -> Vec<PathBuf> {
+    let text = read_regular(marks, MOST_BYTES).unwrap_or_default();
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let json: Value = serde_json::from_slice(text).unwrap_or_default();
+    let entries = json.get("marks").and_then(Value::as_array).into_iter().flatten();
+    entries.filter_map(|entry| Some(marks.with_file_name(entry.get("mask")?.as_str()?))).collect()
+}
+
+/// Returns the files at `places`, each with its path from there. Those under `except` are left out, and so is
+/// what is hidden or left by file managers.
 fn files_at(places: &[impl AsRef<Path>], except: &Path) -> Vec<(PathBuf, DirEntry)> {
     let files = places.iter().flat_map(|place| {
         let place = place.as_ref();
         let entries = WalkDir::new(place).follow_links(true).sort_by_file_name().into_iter();
-        let files =
-            entries.filter_entry(|e| e.path() != except).flatten().filter(|e| e.file_type().is_file());
+        // A place itself may have any name.
+        let is_part = |e: &DirEntry| e.path() != except && (e.depth() == 0 || !is_aside(e.file_name()));
+        let files = entries.filter_entry(is_part).flatten().filter(|e| e.file_type().is_file());
         files.map(move |e| (e.path().strip_prefix(place).unwrap_or(e.path()).to_owned(), e))
     });
     files.collect()
@@ -138,11 +155,43 @@ mod tests {
             assert_ne!(list().0, first.0);
             assert_eq!(list().1, first.1);
         }
+        for dropping in [".hidden", ".DS_Store", "Thumbs.db"] {
+            std::fs::write(at("in").join(dropping), b"1").unwrap();
+            assert_eq!(list().1, first.1, "{dropping}");
+        }
+        std::fs::rename(at("in"), at(".in")).unwrap();
+        let hidden = listing(&[at(".in")], Path::new(""), false);
+        std::fs::rename(at(".in"), at("in")).unwrap();
+        assert_eq!(hidden, first.1, "what is asked for may be hidden");
         std::fs::write(at("in/a"), b"12").unwrap();
         assert_ne!(list().1, first.1);
         std::fs::rename(at("in/a"), at("in/b")).unwrap();
         let renamed = list().1;
         std::fs::remove_dir_all(at("in")).unwrap();
         assert_ne!(list().1, renamed);
+    }
+
+    #[test]
+    fn labels_that_settings_name_and_masks_that_marks_name_count() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("in")).unwrap();
+        std::fs::write(at("in/a"), b"1").unwrap();
+        std::fs::write(at("clip.mp4"), b"1").unwrap();
+        std::fs::write(at("labels.xml"), b"old").unwrap();
+        let named = |file: &str| format!("[labels]\nfile = \"{file}\"\n");
+        std::fs::write(at("in/sequence.toml"), named("../labels.xml")).unwrap();
+        std::fs::write(at("clip.mp4.toml"), named("labels.xml")).unwrap();
+        let facts =
+            || [at("in"), at("clip.mp4")].map(|recording| contents(&places_of(&recording), Path::new("")));
+        let before = facts();
+        std::fs::write(at("labels.xml"), b"new").unwrap();
+        let now = facts();
+        assert!(before[0] != now[0] && before[1] != now[1]);
+
+        let marks = "\u{feff}{\"marks\": [{\"mask\": \"masks/1.png\"}, {\"mask\": {\"size\": [1, 1]}}, {}]}";
+        std::fs::write(at("marks.json"), marks).unwrap();
+        assert_eq!(masks_named_by(&at("marks.json")), [at("masks/1.png")]);
+        assert!(masks_named_by(&at("labels.xml")).is_empty() && masks_named_by(&at("none")).is_empty());
     }
 }

@@ -1,7 +1,7 @@
 //! The jobs file, turned into command lines. Its keys are the options of the verbs on the command line.
 
 use super::{
-    facts::RecordingFacts,
+    facts::{RecordingFacts, masks_named_by},
     folders::folder_names,
     steps::{Step, StepLine, StepVerb},
 };
@@ -254,6 +254,9 @@ fn flags(
         if is_path(arg) && text != "builtin" {
             let path = beside.join(text);
             flag.push(&path);
+            if name == MARKS {
+                inputs.extend(masks_named_by(&path));
+            }
             inputs.push(path);
         } else {
             flag.push(text);
@@ -373,6 +376,15 @@ mod tests {
         let all = lines("[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\nlabels = true\n");
         assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --labels");
         assert!(all[2].ends_with("/out/a/eval --marks=/m.json"), "{all:?}");
+    }
+
+    #[test]
+    fn masks_that_marks_name_are_read_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let marks = folder.path().join("marks.json");
+        std::fs::write(&marks, "{\"marks\": [{\"mask\": \"liver.png\"}]}").unwrap();
+        let plan = read(&format!("[[recording]]\npath = \"a\"\nmarks = {marks:?}\n")).unwrap();
+        assert_eq!(plan.jobs[0].tasks[0].inputs, [folder.path().join("liver.png"), marks]);
     }
 
     #[test]
