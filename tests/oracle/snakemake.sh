@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Runs the workflow of assets/snakemake on this machine. Checks that a bad recording stops no other, that work
-# that is done is not done again, and that `surgtpgs batch` knows the results of the workflow. The argument is
-# a Python that has Snakemake.
+# that is done is not done again unless it is gone or its recording has changed, and that `surgtpgs batch` knows
+# the results of the workflow. The argument is a Python that has Snakemake.
 set -euo pipefail
 python=$(realpath -s "$1")
 cd "$(dirname "$0")/../.."
 source tests/oracle/program.sh
 program=$(program_path)
 workflow=$PWD/assets/snakemake
-folder=$(mktemp -d)
+folder=$(mktemp -d --suffix " of workflows")
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 
@@ -29,6 +29,7 @@ path = "bad"
 [[recording]]
 path = "recording"
 labels = false
+chapter_frames = 4
 JOBS
 mkdir bad
 run() {
@@ -49,4 +50,15 @@ expect run
 expect grep -q "Nothing to be done" log
 "$program" batch jobs.toml 2> log > /dev/null
 expect test "$(grep -c ' is done$' log)" = 10
+
+rm jobs/recording/scene.safetensors
+cp recording/images/frame_000000.png bad/images/frame_000001.png
+expect run
+expect test -f jobs/recording/scene.safetensors
+expect grep -q "recording: chapter 2" log
+expect test "$(recorded)" = "['done', 'done', 'done']"
+"$program" batch jobs.toml 2> log > /dev/null
+expect test "$(grep -c ' is done$' log)" = 10
+expect run
+expect grep -q "Nothing to be done" log
 echo "the workflow did what the batch does"
