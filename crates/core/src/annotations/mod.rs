@@ -108,9 +108,13 @@ fn is_coco(text: &[u8]) -> bool {
 
 /// Returns the annotations if all of them fit the recording.
 fn checked(annotations: Vec<Annotation>, canvas: &Canvas) -> Result<Vec<Annotation>> {
-    for annotation in &annotations {
-        if let Some(problem) = annotation.shape.problem(canvas.width, canvas.height) {
-            let Annotation { frame, name, .. } = annotation;
+    for Annotation { frame, name, shape } in &annotations {
+        let beyond = || format!("the recording has frames 0 to {}", canvas.num_frames.saturating_sub(1));
+        let problem = match canvas.frame(*frame) {
+            Some(_) => shape.problem(canvas.width, canvas.height),
+            None => Some(beyond()),
+        };
+        if let Some(problem) = problem {
             let what = format!("\"{name}\" on frame {frame} cannot be used: {problem}");
             return Err(Error::input(what, "The annotations must be those of this recording."));
         }

@@ -5,6 +5,7 @@ use crate::{
     sequence::Sequence,
 };
 use proptest::prelude::*;
+use std::path::{Path, PathBuf};
 
 const SIZE: [usize; 2] = [37, 23];
 const FRAMES: usize = 5;
@@ -103,8 +104,9 @@ proptest! {
         let mut bytes = exported(format, false, 3);
         let at = at.index(bytes.len());
         if cuts { bytes.truncate(at) } else { bytes[at] = byte }
-        if let Ok(Some(found)) = parse(&bytes, &canvas()) {
-            prop_assert!(found.iter().all(|a| a.frame < FRAMES || format == Format::Coco));
+        let understood = |found: Option<_>| checked(found.unwrap_or_default(), &canvas());
+        if let Ok(found) = parse(&bytes, &canvas()).and_then(understood) {
+            prop_assert!(found.iter().all(|a| a.frame < FRAMES));
         }
     }
 }
@@ -222,14 +224,46 @@ fn cropped_volumes_of_slicer_are_placed() {
     }
 }
 
-#[test]
-fn labels_of_a_recording_come_from_annotations() {
-    let folder = tempfile::tempdir().unwrap();
-    let rec = folder.path().join("rec");
+/// Writes a recording into a folder of `folder`.
+fn recording_in(folder: &Path) -> PathBuf {
+    let rec = folder.join("rec");
     std::fs::create_dir(&rec).unwrap();
     for i in 0..FRAMES {
         image::RgbImage::new(SIZE[0] as u32, SIZE[1] as u32).save(rec.join(format!("shot {i}.png"))).unwrap();
     }
+    rec
+}
+
+/// Returns a COCO file with a triangle on each of the images.
+fn coco(images: &[&str]) -> String {
+    let images: Vec<String> =
+        images.iter().enumerate().map(|(i, rest)| format!(r#"{{"id": {i}, {rest}}}"#)).collect();
+    let triangle =
+        |i| format!(r#"{{"image_id": {i}, "category_id": 1, "segmentation": [[0, 0, 20, 0, 20, 20]]}}"#);
+    let triangles: Vec<String> = (0..images.len()).map(triangle).collect();
+    format!(
+        r#"{{"categories": [{{"id": 1, "name": "fat"}}], "images": [{}], "annotations": [{}]}}"#,
+        images.join(", "),
+        triangles.join(", ")
+    )
+}
+
+#[test]
+fn frames_beyond_the_recording_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rec, file) = (recording_in(folder.path()), folder.path().join("coco.json"));
+    std::fs::write(&file, coco(&[r#""frame": 1"#, r#""frame": 4"#])).unwrap();
+    assert!(Sequence::open_with(&rec, Some(&file), &[]).is_ok());
+    std::fs::write(rec.join("sequence.toml"), "[frames]\nlast = 3\n").unwrap();
+    let message = Sequence::open_with(&rec, Some(&file), &[]).unwrap_err().to_string();
+    let says = "\"fat\" on frame 4 cannot be used: the recording has frames 0 to 3";
+    assert!(message.contains(says) && message.contains("coco.json"), "{message}");
+}
+
+#[test]
+fn labels_of_a_recording_come_from_annotations() {
+    let folder = tempfile::tempdir().unwrap();
+    let rec = recording_in(folder.path());
     let file = folder.path().join("annotations.xml");
     std::fs::write(&file, exported(Format::Cvat, true, 5)).unwrap();
     let sequence = Sequence::open_with(&rec, Some(&file), &[]).unwrap();
