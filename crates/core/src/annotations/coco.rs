@@ -1,6 +1,6 @@
 //! COCO annotations: each says that the pixels of its mask belong to its category.
 
-use super::{Annotation, Canvas, RunsEntry, Shape};
+use super::{Annotation, Canvas, Images, RunsEntry, Shape};
 use crate::{Error, Result};
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -22,8 +22,20 @@ struct Image {
     id: u64,
     /// Number of the frame; our own files have it.
     frame: Option<usize>,
+    /// Name of the recorded frame; our own files have it.
     source: Option<String>,
     file_name: Option<String>,
+    width: Option<f64>,
+    height: Option<f64>,
+}
+
+/// The place of an image in the recording.
+#[derive(Clone, Copy)]
+enum Place {
+    Frame(usize),
+    /// The recording has other frames of the same file, but not this one.
+    LeftOut,
+    Unknown,
 }
 
 #[derive(serde::Deserialize)]
@@ -48,18 +60,20 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     let malformed = |e| Error::input(format!("this is no file of COCO annotations: {e}"), "");
     let file: Coco = serde_json::from_slice(text).map_err(malformed)?;
     let names: BTreeMap<u64, &str> = file.categories.iter().map(|c| (c.id, c.name.as_str())).collect();
-    let frames: BTreeMap<u64, Option<usize>> =
-        file.images.iter().map(|image| (image.id, frame_of(image, canvas))).collect();
+    let places = places(&file.images, canvas)?;
     let mut found = Vec::new();
     for (i, entry) in file.annotations.iter().enumerate() {
         let wrong = |what: &str| {
             let hint =
-                "Frames are found by \"frame\", or by \"source\" or \"file_name\" as in the recording.";
+                "Frames are found by \"source\" as in the recording, by \"frame\", or by \"file_name\".";
             Error::input(format!("annotations[{i}] cannot be used: {what}"), hint)
         };
         let name = names.get(&entry.category_id).ok_or_else(|| wrong("it has no category"))?;
-        let frame = frames.get(&entry.image_id).copied().flatten();
-        let frame = frame.ok_or_else(|| wrong("its image is no frame of the recording"))?;
+        let frame = match places.get(&entry.image_id) {
+            Some(Place::Frame(frame)) => *frame,
+            Some(Place::LeftOut) => continue,
+            Some(Place::Unknown) | None => return Err(wrong("its image is no frame of the recording")),
+        };
         for shape in shapes(&entry.segmentation).ok_or_else(|| wrong("its segmentation is none"))? {
             found.push(Annotation { frame, name: (*name).to_owned(), shape });
         }
@@ -67,12 +81,27 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     Ok(found)
 }
 
-fn frame_of(image: &Image, canvas: &Canvas) -> Option<usize> {
-    let named = || {
-        let names = [&image.source, &image.file_name].into_iter().flatten();
-        names.into_iter().find_map(|name| canvas.frame_named(name))
+/// Returns the place of every image, by its id. Names of recorded frames come first: their numbers change
+/// with the first frame that is used.
+fn places(images: &[Image], canvas: &Canvas) -> Result<BTreeMap<u64, Place>> {
+    let named = |name: &Option<String>| canvas.frame_named(name.as_deref()?);
+    let by_source: Vec<Option<usize>> = images.iter().map(|image| named(&image.source)).collect();
+    let are_of_recording = by_source.iter().any(Option::is_some);
+    let mut known = Images::default();
+    let place = |(image, by_source): (&Image, Option<usize>)| {
+        if by_source.is_none() && are_of_recording && image.source.is_some() {
+            return Ok((image.id, Place::LeftOut));
+        }
+        let frame = by_source.or(image.frame).or_else(|| named(&image.file_name));
+        if let Some(frame) = frame {
+            known.add(frame, image.source.as_ref().or(image.file_name.as_ref()).map_or("", |name| name))?;
+            if let (Some(width), Some(height)) = (image.width, image.height) {
+                canvas.expect_size(width as usize, height as usize)?;
+            }
+        }
+        Ok((image.id, frame.map_or(Place::Unknown, Place::Frame)))
     };
-    image.frame.or_else(named)
+    images.iter().zip(by_source).map(place).collect()
 }
 
 fn shapes(segmentation: &Segmentation) -> Option<Vec<Shape>> {

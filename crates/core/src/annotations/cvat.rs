@@ -1,7 +1,7 @@
 //! CVAT's XML: tracks of a video, or images, with masks, polygons and boxes. A mask is a rectangle of run
 //! lengths, row by row.
 
-use super::{Annotation, Canvas, Shape};
+use super::{Annotation, Canvas, Images, Shape};
 use crate::{Error, Result, grid::Mask, mask::Runs};
 use quick_xml::{
     Reader, XmlVersion,
@@ -15,11 +15,15 @@ const WITHOUT_AREA: [&str; 5] = ["polyline", "points", "cuboid", "skeleton", "el
 /// Returns the annotations of a file of CVAT.
 pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     let mut reader = Reader::from_reader(text);
-    let mut place = Place { canvas, label: None, frame: None };
+    let mut place =
+        Place { canvas, images: Images::default(), original_size: None, label: None, frame: None };
     let mut found = Vec::new();
     let mut is_cvat = false;
     loop {
         match reader.read_event().map_err(malformed)? {
+            Event::Start(element) if element.name().as_ref() == b"original_size" => {
+                place.original_size = size(&mut reader)?;
+            }
             Event::Start(element) | Event::Empty(element) => {
                 is_cvat |= element.name().as_ref() == b"annotations";
                 found.extend(place.element(&element)?);
@@ -41,6 +45,9 @@ fn malformed(e: impl std::fmt::Display) -> Error {
 /// The track or image that is being read.
 struct Place<'a> {
     canvas: &'a Canvas,
+    images: Images,
+    /// Columns and rows of the video that tracks are of.
+    original_size: Option<(usize, usize)>,
     label: Option<String>,
     frame: Option<usize>,
 }
@@ -50,7 +57,11 @@ impl Place<'_> {
     fn element(&mut self, element: &BytesStart<'_>) -> Result<Option<Annotation>> {
         let name = String::from_utf8_lossy(element.name().as_ref()).into_owned();
         match name.as_str() {
-            "track" => (self.label, self.frame) = (text(element, "label")?, None),
+            "track" => {
+                (self.label, self.frame) = (text(element, "label")?, None);
+                self.original_size
+                    .map_or(Ok(()), |(width, height)| self.canvas.expect_size(width, height))?;
+            }
             "image" => (self.label, self.frame) = (None, Some(self.image(element)?)),
             "mask" | "polygon" | "box" => return self.shape(&name, element),
             kind if WITHOUT_AREA.contains(&kind) => {
@@ -63,15 +74,17 @@ impl Place<'_> {
     }
 
     /// Returns the frame of an image.
-    fn image(&self, element: &BytesStart<'_>) -> Result<usize> {
+    fn image(&mut self, element: &BytesStart<'_>) -> Result<usize> {
         if let (Some(width), Some(height)) = (number(element, "width")?, number(element, "height")?) {
             self.canvas.expect_size(width, height)?;
         }
         let name = text(element, "name")?.unwrap_or_default();
-        self.canvas.frame_named(&name).ok_or_else(|| {
+        let frame = self.canvas.frame_named(&name).ok_or_else(|| {
             let what = format!("the image \"{name}\" is no frame of the recording");
             Error::input(what, "Images are found by their names.")
-        })
+        })?;
+        self.images.add(frame, &name)?;
+        Ok(frame)
     }
 
     fn shape(&self, kind: &str, element: &BytesStart<'_>) -> Result<Option<Annotation>> {
@@ -120,6 +133,26 @@ impl Place<'_> {
         let part = Mask::from_vec(width, height, pixels);
         let runs = Runs::placed(&part, (left, top), (self.canvas.width, self.canvas.height));
         Ok(Some(Shape::Mask(Arc::new(runs))))
+    }
+}
+
+/// Returns the columns and rows that an element `original_size` holds; `None` if it lacks one.
+fn size(reader: &mut Reader<&[u8]>) -> Result<Option<(usize, usize)>> {
+    let (mut width, mut height) = (None, None);
+    loop {
+        match reader.read_event().map_err(malformed)? {
+            Event::Start(element) => {
+                let text = reader.read_text(element.name()).map_err(malformed)?;
+                let side = std::str::from_utf8(&text).ok().and_then(|text| text.trim().parse().ok());
+                match element.name().as_ref() {
+                    b"width" => width = side,
+                    b"height" => height = side,
+                    _ => {}
+                }
+            }
+            Event::End(_) | Event::Eof => return Ok(width.zip(height)),
+            _ => {}
+        }
     }
 }
 

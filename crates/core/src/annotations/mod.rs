@@ -2,9 +2,9 @@
 //!
 //! | File | Frames are found by | Shapes |
 //! |---|---|---|
-//! | COCO annotations (JSON) | `frame`, or `source` or `file_name` of the image | run lengths, polygons |
+//! | COCO annotations (JSON) | `source`, `frame` or `file_name` of the image | run lengths, polygons |
 //! | CVAT for video, or for images (XML) | number of the frame; name of the image | masks, polygons, boxes |
-//! | Label Studio tasks (JSON) | `frame` of the task's data, or the name of its image | brush masks, polygons, boxes |
+//! | Label Studio tasks (JSON) | name of the task's image, or `frame` of its data | brush masks, polygons, boxes |
 //! | DICOM segmentation | number in the reference to the recording, or position in time | masks |
 //! | 3D Slicer segmentation (`.seg.nrrd`) | place along the third axis, after `first_frame` | masks |
 //!
@@ -28,7 +28,7 @@ pub use shape::Shape;
 
 use crate::{Error, Result, dicom::is_dicom, reading::read_regular};
 use serde::de::IgnoredAny;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 /// Largest size in bytes of a file of annotations.
 const MOST_BYTES: u64 = 1 << 30;
@@ -135,17 +135,45 @@ pub(crate) fn in_file(error: Error, path: &Path) -> Error {
     }
 }
 
+/// The images of a file by the frames that they are. Of other recordings, images may have the same names.
+#[derive(Default)]
+struct Images(BTreeMap<usize, String>);
+
+impl Images {
+    /// Takes note of an image, and refuses another one that is the same frame.
+    fn add(&mut self, frame: usize, name: &str) -> Result<()> {
+        let known = self.0.entry(frame).or_insert_with(|| name.to_owned());
+        if known == name {
+            return Ok(());
+        }
+        let what =
+            format!("the images \"{known}\" and \"{name}\" would both be frame {frame} of the recording");
+        Err(Error::input(what, "Leave out the images of other recordings."))
+    }
+}
+
 impl Canvas {
     /// Returns the frame of this number, if there is one.
     fn frame(&self, number: usize) -> Option<usize> {
         (number < self.num_frames).then_some(number)
     }
 
-    /// Returns the frame whose file has this name, with or without the ending.
+    /// Returns the one frame whose file has this name. The whole name comes first, then the name with an
+    /// ending on one side alone, then with another ending.
     fn frame_named(&self, name: &str) -> Option<usize> {
         let name = name.rsplit(['/', '\\']).next().unwrap_or(name);
-        let wanted = stem(name);
-        self.frame_names.iter().position(|known| known == name || stem(known) == wanted)
+        let ways: [fn(&str, &str) -> bool; 3] = [
+            |known, name| known == name,
+            |known, name| known == stem(name) || stem(known) == name,
+            |known, name| stem(known) == stem(name),
+        ];
+        for fits in ways {
+            let mut found = (0..self.frame_names.len()).filter(|&i| fits(&self.frame_names[i], name));
+            if let Some(frame) = found.next() {
+                return found.next().is_none().then_some(frame);
+            }
+        }
+        None
     }
 
     /// Returns an error if a file says that its pictures have another size.

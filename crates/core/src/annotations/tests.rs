@@ -261,6 +261,70 @@ fn frames_beyond_the_recording_are_refused() {
 }
 
 #[test]
+fn sources_tell_more_than_numbers_and_those_of_left_out_frames_do_not_count() {
+    let masks =
+        |images: &[&str]| shapes_of(&coco(images)).into_iter().map(|(frame, ..)| frame).collect::<Vec<_>>();
+    let source = |name: &str, frame: usize| format!(r#""source": "{name}", "frame": {frame}"#);
+    let (cut, shown) = (source("shot 7.png", 2), source("shot 3.png", 0));
+    assert_eq!(masks(&[&cut, &shown]), [3]);
+    assert_eq!(masks(&[&source("video 7", 2), &source("video 8", 3)]), [2, 3], "names of something else");
+    let own = format!("{}, \"file_name\": \"shot 1.png\"", r#""frame": 4, "source": null"#);
+    assert_eq!(masks(&[&own]), [4], "own names of files count exported frames");
+    let task = |frame: usize, image: &str| {
+        let value = r#""value": {"x": 0, "y": 0, "width": 9, "height": 9, "rectanglelabels": ["fat"]}"#;
+        let result = format!(r#"[{{"type": "rectanglelabels", {value}}}]"#);
+        format!(
+            r#"[{{"data": {{"image": "{image}", "frame": {frame}}}, "annotations": [{{"result": {result}}}]}}]"#
+        )
+    };
+    assert_eq!(shapes_of(&task(1, "/data/local-files/?d=a/shot 3.png"))[0].0, 3);
+    assert_eq!(shapes_of(&task(1, "/data/upload/1.png"))[0].0, 1);
+}
+
+#[test]
+fn annotations_of_other_recordings_are_refused() {
+    let refused = |text: &str| parse(text.as_bytes(), &canvas()).unwrap_err().to_string();
+    let two = coco(&[r#""file_name": "video01/shot 1.jpg""#, r#""file_name": "video02/shot 1.jpg""#]);
+    assert!(refused(&two).contains("\"video02/shot 1.jpg\" would both be frame 1"), "{}", refused(&two));
+    let twice = coco(&[r#""file_name": "a/shot 1.jpg""#; 2]);
+    assert_eq!(shapes_of(&twice).len(), 2, "an image may be listed twice");
+    let image = |folder: &str| format!("<image name=\"{folder}/shot 2.png\"></image>");
+    assert!(refused(&cvat(&(image("a") + &image("b")))).contains("would both be frame 2"));
+    let tasks = |folder: &str| format!(r#"{{"data": {{"image": "{folder}/shot 2.png"}}}}"#);
+    assert!(refused(&format!("[{}, {}]", tasks("a"), tasks("b"))).contains("would both be frame 2"));
+
+    let sized = |width: usize| coco(&[&format!(r#""frame": 1, "width": {width}.0, "height": 23"#)]);
+    assert_eq!(shapes_of(&sized(37)).len(), 1);
+    assert!(refused(&sized(25)).contains("pictures of 25×23 pixels"));
+    let track = |width: usize| {
+        let size = format!("<original_size>\n<width>{width}</width>\n<height>23</height>\n</original_size>");
+        let square = r#"<box frame="2" xtl="0" ytl="0" xbr="2" ybr="2"/>"#;
+        cvat(&format!("<meta><task>{size}</task></meta><track label=\"fat\">{square}</track>"))
+    };
+    assert_eq!(shapes_of(&track(37)).len(), 1);
+    assert!(refused(&track(25)).contains("pictures of 25×23 pixels"));
+}
+
+#[test]
+fn names_with_dots_are_found_by_their_best_match() {
+    let named = |names: &[&str], name: &str| {
+        let frame_names = names.iter().map(|name| (*name).to_owned()).collect();
+        Canvas { frame_names, num_frames: names.len(), ..canvas() }.frame_named(name)
+    };
+    let stems = ["case.7", "case.8", "a.color", "plain"];
+    let files = stems.map(|stem| format!("{stem}.png"));
+    let files = files.each_ref().map(String::as_str);
+    for (i, stem) in stems.into_iter().enumerate() {
+        for name in [stem.to_owned(), format!("{stem}.png"), format!("deep/{stem}.png")] {
+            assert_eq!((named(&stems, &name), named(&files, &name)), (Some(i), Some(i)), "{name}");
+        }
+        assert_eq!(named(&files, &format!("{stem}.jpg")), Some(i));
+    }
+    assert_eq!(named(&stems, "case.9"), None, "of two it could be none");
+    assert_eq!(named(&["1.jpg", "1.png"], "1.png"), Some(1));
+}
+
+#[test]
 fn labels_of_a_recording_come_from_annotations() {
     let folder = tempfile::tempdir().unwrap();
     let rec = recording_in(folder.path());

@@ -3,7 +3,7 @@
 
 pub(crate) mod packed;
 
-use super::{Annotation, Canvas, Shape};
+use super::{Annotation, Canvas, Images, Shape};
 use crate::{Error, Result};
 use serde_json::{Map, Value};
 
@@ -55,16 +55,20 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
         let hint = "Export the tasks of Label Studio as JSON.";
         Error::input(format!("this is no file of Label Studio's tasks: {e}"), hint)
     })?;
-    let mut found = Vec::new();
+    let (mut found, mut images) = (Vec::new(), Images::default());
     for (i, task) in tasks.iter().enumerate() {
+        let place = task.place(canvas);
+        if let Some((frame, image)) = place {
+            images.add(frame, image)?;
+        }
         for item in task.items() {
             let wrong = |what: &str, hint: &str| {
                 Error::input(format!("a region of task [{i}] cannot be used: {what}"), hint)
             };
             let Some(shape) = item.shape(canvas)? else { continue };
             let shape = shape.map_err(|what| wrong(what, "Turn it into a brush mask or a polygon."))?;
-            let frame = task.frame(canvas).ok_or_else(|| {
-                let hint = "Frames are found by \"frame\" in the task's data, or by the name of its image.";
+            let (frame, _) = place.ok_or_else(|| {
+                let hint = "Frames are found by the name of the task's image, or by \"frame\" in its data.";
                 wrong("its image is no frame of the recording", hint)
             })?;
             let name = item.value.brushlabels.first().cloned();
@@ -82,16 +86,18 @@ impl Task {
         corrected.or(self.predictions.first()).into_iter().flat_map(|answer| &answer.result)
     }
 
-    fn frame(&self, canvas: &Canvas) -> Option<usize> {
-        if let Some(number) = self.data.get("frame").and_then(Value::as_u64) {
-            return canvas.frame(number as usize);
-        }
-        self.data.values().filter_map(Value::as_str).find_map(|address| {
+    /// Returns the frame and the address of its image, if it has one that names the frame. Names come first:
+    /// numbers of frames change with the first one that is used.
+    fn place(&self, canvas: &Canvas) -> Option<(usize, &str)> {
+        let named = self.data.values().filter_map(Value::as_str).find_map(|address| {
             let name = address.rsplit(['/', '=', '\\']).next().unwrap_or(address);
             // Uploaded files get eight letters and a hyphen before their names.
             let original = name.split_at_checked(9).filter(|(added, _)| added.ends_with('-')).map(|(_, n)| n);
-            canvas.frame_named(name).or_else(|| canvas.frame_named(original?))
-        })
+            let frame = canvas.frame_named(name).or_else(|| canvas.frame_named(original?));
+            frame.map(|frame| (frame, address))
+        });
+        let numbered = || canvas.frame(self.data.get("frame")?.as_u64()? as usize);
+        named.or_else(|| Some((numbered()?, "")))
     }
 }
 
