@@ -9,6 +9,7 @@ use image::{DynamicImage, RgbImage};
 use rayon::prelude::*;
 use std::{
     cmp::Ordering,
+    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -146,6 +147,15 @@ pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
         false => image.into_rgba8().as_raw().iter().map(|v| u16::from(*v)).collect(),
     };
     Ok(Grid::from_vec(width, height, rgba.as_chunks::<4>().0.iter().map(brightest).collect()))
+}
+
+/// Returns the least value of a mask that is white. Every part of an instrument may have a number of its own;
+/// but JPEG leaves small numbers around borders.
+pub(super) fn least_white(path: &Path) -> u16 {
+    const JPEG_MAGIC: [u8; 3] = [0xff, 0xd8, 0xff];
+    let mut start = [0; JPEG_MAGIC.len()];
+    let read = reading::open_regular(path).and_then(|mut file| file.read_exact(&mut start));
+    if read.is_ok() && start == JPEG_MAGIC { 128 } else { 1 }
 }
 
 /// Returns the first channel of a decoded picture.

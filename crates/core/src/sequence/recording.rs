@@ -123,12 +123,12 @@ pub(super) enum Picture {
     Dicom { frames: Arc<DicomPictures>, index: usize },
 }
 
-/// The pixels that a mask file keeps.
+/// The pixels that a mask file keeps; [`read::least_white`] says what is white.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MaskRule {
-    /// Non-zero is kept.
+    /// White is kept.
     KeepWhite,
-    /// Zero is kept: white hides.
+    /// Black is kept: white hides.
     KeepBlack,
     /// The mask is a label picture; only this code is hidden.
     DropCode(u8),
@@ -138,9 +138,9 @@ pub(super) enum MaskRule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Keep {
-    /// Non-zero pixels.
+    /// White pixels: all that are not black.
     White,
-    /// Zero pixels.
+    /// Black pixels.
     Black,
 }
 
@@ -446,9 +446,10 @@ impl Recording {
         let Some(path) = &self.frames[i].mask else { return Ok(None) };
         let values = read::lightness(path)?;
         read::expect_size(path, (values.width, values.height), (self.width, self.height))?;
+        let white = read::least_white(path);
         Ok(Some(match self.mask_rule {
-            MaskRule::KeepWhite => values.map(|&v| v != 0),
-            MaskRule::KeepBlack => values.map(|&v| v == 0),
+            MaskRule::KeepWhite => values.map(|&v| v >= white),
+            MaskRule::KeepBlack => values.map(|&v| v < white),
             MaskRule::DropCode(code) => values.map(|&v| v != u16::from(code)),
         }))
     }

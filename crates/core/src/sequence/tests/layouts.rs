@@ -367,3 +367,22 @@ fn pipes_are_told_at_once_wherever_a_file_is_read() {
     std::fs::write(named.join("transforms.json"), text).unwrap();
     assert!(message(Sequence::open(&named)).contains("a pipe"));
 }
+
+#[test]
+fn masks_are_white_from_one_on_and_in_jpeg_from_the_middle_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir_all(at("images")).unwrap();
+    std::fs::create_dir_all(at("masks")).unwrap();
+    (0..2).for_each(|i| picture(24, 16, i).save(at(&format!("images/{i}.png"))).unwrap());
+    let mask = |value: u8| GrayImage::from_fn(24, 16, |x, y| Luma([if x + y < 13 { value } else { 0 }]));
+    mask(10).save(at("masks/0.png")).unwrap();
+    // By its content: the name may be wrong.
+    mask(255).save_with_format(at("masks/1.png"), image::ImageFormat::Jpeg).unwrap();
+    let blurred = read::lightness(&at("masks/1.png")).unwrap();
+    assert!(blurred.data.iter().any(|v| (1..20).contains(v)), "no number is left around the border");
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let kept = [0, 1].map(|i| sequence.recording().file_mask(i).unwrap().unwrap());
+    assert_eq!(kept[0], kept[1]);
+    assert!((0..16).all(|y| (0..24).all(|x| kept[0].at(x, y) == (x + y >= 13))));
+}
