@@ -1,7 +1,11 @@
 //! Depth maps: values in files → z in scene units, at the size of the frames.
 
 use super::read;
-use crate::{Result, grid::Grid};
+use crate::{
+    Error, Result,
+    grid::Grid,
+    reading::{Values, values},
+};
 use std::path::Path;
 
 /// Meaning of the values of depth files.
@@ -55,12 +59,11 @@ pub(super) struct DepthMap {
 }
 
 impl DepthRule {
-    /// Reads a PNG (brightest channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
+    /// Reads a PNG (grey or in one channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
     /// become 0, "unknown".
     pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
         let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
-        let values =
-            if is_npy { read::npy_map(path)? } else { read::lightness(path)?.map(|&v| f32::from(v)) };
+        let values = if is_npy { read::npy_map(path)? } else { picture_map(path)? };
         let bad_values = values.data.iter().filter(|v| !v.is_finite() || **v < 0.0).count();
         let depth = values.map(|&v| {
             let value = f64::from(v);
@@ -72,6 +75,42 @@ impl DepthRule {
         });
         Ok(DepthMap { depth, bad_values })
     }
+}
+
+/// Reads a picture of a map: the brightest channel.
+fn picture_map(path: &Path) -> Result<Grid<f32>> {
+    let picture = values(path)?;
+    if is_colour_mapped(&picture) {
+        let what = "this picture shows depth in the colours of a scale, which are no depths";
+        return Err(Error::input_at(
+            path,
+            what,
+            "Save the depth itself, as a grey PNG of 16 bits or as npy.",
+        ));
+    }
+    Ok(read::brightest(picture).map(|&v| f32::from(v)))
+}
+
+/// Returns `true` if the channels of a picture are neither the same nor all but one empty.
+fn is_colour_mapped(picture: &Values) -> bool {
+    /// Difference of channels in 8-bit levels that is none.
+    const SAME: u8 = 8;
+    /// Share of coloured pixels that may be writing.
+    const FEW: f32 = 0.02;
+    let colours: Vec<[u8; 3]> = match &picture.palette {
+        Some(palette) => {
+            let colour = |place: &u8| palette.get(usize::from(*place)).copied().unwrap_or_default();
+            picture.image.as_bytes().iter().map(colour).collect()
+        }
+        None if picture.image.color().has_color() => {
+            picture.image.to_rgb8().as_raw().as_chunks::<3>().0.to_vec()
+        }
+        None => return false,
+    };
+    let is_used = |channel: &usize| colours.iter().any(|colour| colour[*channel] > SAME);
+    let differ = |&&[r, g, b]: &&[u8; 3]| r.max(g).max(b) - r.min(g).min(b) > SAME;
+    let share = colours.iter().filter(differ).count() as f32 / colours.len() as f32;
+    (0..3).filter(is_used).count() > 1 && share > FEW
 }
 
 impl DepthMap {
@@ -134,6 +173,23 @@ mod tests {
     #[test]
     fn unknown_depth_never_mixes_with_known() {
         assert_eq!(map(2, 1, &[0.0, 3.0]).resized(4, 1).data, [0.0, 0.0, 0.0, 3.0]);
+    }
+
+    #[test]
+    fn colours_of_a_scale_are_no_depths() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.png");
+        let read = |colour: fn(u32) -> [u8; 3]| {
+            image::RgbImage::from_fn(64, 4, |x, _| image::Rgb(colour(4 * x))).save(&path).unwrap();
+            DepthRule::default().read(&path).map(|map| map.depth.at(30, 0))
+        };
+        // From blue over green to red, as such scales do.
+        let message =
+            read(|v| [v as u8, (v.min(255 - v) * 2) as u8, 255 - v as u8]).err().unwrap().to_string();
+        assert!(message.contains("d.png") && message.contains("colours of a scale"), "{message}");
+        assert_eq!(read(|v| [v as u8; 3]).unwrap(), 120.0);
+        assert_eq!(read(|v| [0, v as u8, 0]).unwrap(), 120.0, "in one channel");
+        assert_eq!(read(|v| if v == 252 { [255, 0, 0] } else { [v as u8; 3] }).unwrap(), 120.0, "writing");
     }
 
     #[test]

@@ -130,13 +130,18 @@ pub(super) fn expect_size(path: &Path, found: (usize, usize), frames: (usize, us
 /// Returns the brightest channel of each pixel of a mask, as stored: 0–255 or, for 16-bit files, 0–65535.
 /// Masks may have any colour.
 pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
-    let Values { image, palette } = reading::values(path)?;
+    reading::values(path).map(brightest)
+}
+
+/// Returns the brightest channel of each pixel, as stored.
+pub(super) fn brightest(picture: Values) -> Grid<u16> {
+    let Values { image, palette } = picture;
     if let Some(palette) = palette {
         let brightest = |place: &u16| palette.get(usize::from(*place)).and_then(|c| c.iter().max().copied());
-        return Ok(first_channel_of(image).map(|place| brightest(place).map_or(0, u16::from)));
+        return first_channel_of(image).map(|place| brightest(place).map_or(0, u16::from));
     }
     if !image.color().has_color() && !image.color().has_alpha() {
-        return Ok(first_channel_of(image));
+        return first_channel_of(image);
     }
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_deep = image.color().bytes_per_pixel() > image.color().channel_count();
@@ -146,7 +151,7 @@ pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
         true => image.into_rgba16().into_raw(),
         false => image.into_rgba8().as_raw().iter().map(|v| u16::from(*v)).collect(),
     };
-    Ok(Grid::from_vec(width, height, rgba.as_chunks::<4>().0.iter().map(brightest).collect()))
+    Grid::from_vec(width, height, rgba.as_chunks::<4>().0.iter().map(brightest).collect())
 }
 
 /// Returns the least value of a mask that is white. Every part of an instrument may have a number of its own;
