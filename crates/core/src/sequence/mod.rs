@@ -132,6 +132,7 @@ impl Sequence {
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
         let outline = Arc::new(Identity::opened(&recording)?);
         decided::apply(&mut recording, &outline)?;
+        recording.time_gaps();
         recording.seconds = times::uneven(&recording.seconds, recording.frames_per_second);
         recording.notes.extend(times::describe(&recording.seconds));
         let places = pace::places(&recording.seconds);

@@ -9,6 +9,7 @@ use super::{
     hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
     read, segmentation,
+    times::Gaps,
 };
 use crate::{
     Error, Result,
@@ -232,6 +233,20 @@ impl Recording {
         match offset.filter(|_| is_known) {
             Some(offset) => self.seconds.extend(part.seconds.iter().map(|t| t + offset)),
             None => self.seconds.clear(),
+        }
+    }
+
+    /// Tells of gaps in the numbers of pictures, and gives frames the times that follow from these at a known
+    /// speed.
+    pub(super) fn time_gaps(&mut self) {
+        let is_file = |frame: &FrameFiles| matches!(frame.picture, Picture::File(_));
+        if !self.read_by_ffmpeg.is_empty() || !self.frames.iter().all(is_file) {
+            return;
+        }
+        let names: Vec<&str> = self.frames.iter().map(|frame| frame.name.as_str()).collect();
+        if let Some(gaps) = Gaps::of(&names) {
+            self.notes.push(gaps.describe(&names, self.frames_per_second));
+            self.seconds = self.frames_per_second.map_or_else(Vec::new, |speed| gaps.seconds(speed));
         }
     }
 

@@ -173,3 +173,23 @@ fn labels_that_name_no_class_or_are_read_in_another_way_are_told() {
     assert!(any(&found.warnings, "frame 1 are grey pictures saved in colour"), "{found:?}");
     assert!(found.labels.contains("fat (2)"), "{}", found.labels);
 }
+
+#[test]
+fn missing_pictures_are_told_and_their_times_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    write_pictures(folder.path(), &["1.png", "2.png", "3.png", "7.png", "8.png"]);
+    let found = report(folder.path());
+    assert!(any(&found.warnings, "missing between 3 and 7; no time passes there"), "{found:?}");
+    let opened = |settings: &str| {
+        std::fs::write(folder.path().join("sequence.toml"), settings).unwrap();
+        Sequence::open(folder.path()).unwrap()
+    };
+    assert_eq!(opened("").frame_seconds(), [0.0; 0]);
+    let known = opened("[time]\nframes_per_second = 10.0\n");
+    assert_eq!(known.frame_seconds(), [0.0, 0.1, 0.2, 0.6, 0.7]);
+    assert!((known.time(3) - 6.0 / 8.0).abs() < 1e-6, "the tissue moves meanwhile");
+    assert!(any(&report(folder.path()).warnings, "between 3 and 7; times follow the numbers"));
+    let before = opened("[time]\nframes_per_second = 10.0\n[frames]\nlast = 2\n");
+    assert_eq!(before.frame_seconds(), [0.0; 0], "what is left has no gap");
+    assert!(!any(&report(folder.path()).warnings, "missing"));
+}
