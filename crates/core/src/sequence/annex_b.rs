@@ -45,7 +45,8 @@ pub(super) fn index(file: &Pieces, (width, height): (usize, usize)) -> Result<Mp
     if found.len() > MAX_PICTURES {
         return Err("it has too many pictures".to_owned());
     }
-    let description = Description { from: 0, width, height, framing: Framing::StartCodes, parameter_sets };
+    let (framing, pixel_aspect) = (Framing::StartCodes, None);
+    let description = Description { from: 0, width, height, pixel_aspect, framing, parameter_sets };
     Ok(Mp4 {
         descriptions: vec![description],
         timescale: 0,

@@ -3,8 +3,8 @@
 
 use crate::reading::{Pieces, PiecesReader};
 use shiguredo_mp4::{
-    Decode, TrackKind,
-    boxes::{AvccBox, MoovBox, SampleEntry, TkhdBox},
+    BoxType, Decode, TrackKind,
+    boxes::{AvccBox, MoovBox, SampleEntry, TkhdBox, UnknownBox},
     demux::{
         DemuxError, Fmp4FileDemuxer, Input, Mp4FileDemuxer, Mp4FileKind, Mp4FileKindDetector, RequiredInput,
         Sample, TrackInfo,
@@ -49,6 +49,8 @@ pub(super) struct Description {
     pub from: usize,
     pub width: usize,
     pub height: usize,
+    /// Width of a pixel by its height, if the file says it.
+    pub pixel_aspect: Option<f32>,
     pub framing: Framing,
     /// NAL units: the sequence parameter sets, then the picture parameter sets.
     pub parameter_sets: Vec<Vec<u8>>,
@@ -222,6 +224,7 @@ impl Description {
             from,
             width: usize::from(avc1.visual.width),
             height: usize::from(avc1.visual.height),
+            pixel_aspect: avc1.unknown_boxes.iter().find_map(pixel_aspect),
             framing: Framing::Lengths(usize::from(length_size_minus_one.get()) + 1),
             parameter_sets: sps_list.iter().chain(pps_list).cloned().collect(),
         })
@@ -230,6 +233,14 @@ impl Description {
     fn is_like(&self, other: &Self) -> bool {
         *self == Self { from: self.from, ..other.clone() }
     }
+}
+
+/// Returns the width of a pixel by its height that a box tells (ISO/IEC 14496-12, 12.1.4).
+fn pixel_aspect(inner: &UnknownBox) -> Option<f32> {
+    let (sides, _) = inner.payload.as_chunks::<4>();
+    let [width, height] = sides.first_chunk::<2>()?.map(u32::from_be_bytes);
+    let is_usable = inner.box_type == BoxType::Normal(*b"pasp") && width > 0 && height > 0;
+    is_usable.then(|| width as f32 / height as f32)
 }
 
 /// The common part of the demuxers of both kinds of file.
@@ -330,4 +341,22 @@ impl BoundedFile {
 
 fn unreadable(error: &DemuxError) -> String {
     format!("it is not a readable mp4 file: {error}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shiguredo_mp4::BoxSize;
+
+    #[test]
+    fn the_shape_of_pixels_is_read() {
+        let aspect = |kind: &[u8; 4], payload: &[u8]| {
+            let (box_type, payload) = (BoxType::Normal(*kind), payload.to_vec());
+            pixel_aspect(&UnknownBox { box_type, box_size: BoxSize::with_payload_size(box_type, 8), payload })
+        };
+        assert_eq!(aspect(b"pasp", &[0, 0, 0, 16, 0, 0, 0, 12]), Some(4.0 / 3.0));
+        assert_eq!(aspect(b"pasp", &[0, 0, 0, 16, 0, 0, 0, 0]), None);
+        assert_eq!(aspect(b"pasp", &[0, 0, 0, 16, 0]), None);
+        assert_eq!(aspect(b"colr", &[0, 0, 0, 16, 0, 0, 0, 12]), None);
+    }
 }

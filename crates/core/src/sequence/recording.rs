@@ -85,6 +85,8 @@ pub(super) struct Recording {
     /// Cameras, one per frame.
     pub cameras: Vec<Camera>,
     pub camera_source: CameraSource,
+    /// Width of a pixel by its height.
+    pub pixel_aspect: f32,
     pub depth_rule: DepthRule,
     pub mask_rule: MaskRule,
     pub detect_field_of_view: bool,
@@ -171,6 +173,7 @@ impl Recording {
             cameras: vec![camera; frames.len()],
             frames,
             camera_source: CameraSource::Assumed(ASSUMED_FOV_DEGREES),
+            pixel_aspect: 1.0,
             depth_rule: DepthRule::default(),
             mask_rule: MaskRule::KeepWhite,
             detect_field_of_view: true,
@@ -186,12 +189,26 @@ impl Recording {
         }
     }
 
+    /// Gives its assumed cameras pixels that are not square, if the file tells of such.
+    pub(super) fn shape_pixels(&mut self, aspect: Option<f32>) {
+        /// Difference from square pixels that is none, as a share.
+        const SQUARE: f32 = 0.01;
+        let Some(aspect) = aspect.filter(|aspect| (aspect - 1.0).abs() > SQUARE) else { return };
+        self.pixel_aspect = aspect;
+        self.cameras.iter_mut().for_each(|camera| camera.fy = camera.fx * aspect);
+        self.notes.push(format!(
+            "Pixels are {aspect:.3} times as wide as high: fy = {aspect:.3} fx is assumed. A round border is not \
+             found in them: if there is one, make them square by ffmpeg -vf scale=iw*sar:ih,setsar=1"
+        ));
+    }
+
     /// Appends the frames of a video file; the recording is empty, or made of such files.
     pub(super) fn append(&mut self, file: &Path, part: Self) -> Result<()> {
         let size = (part.width, part.height);
         self.append_times(&part);
         if self.frames.is_empty() {
             (self.width, self.height) = size;
+            self.pixel_aspect = part.pixel_aspect;
             self.frames_per_second = part.frames_per_second;
         } else if (self.width, self.height) != size {
             let what = format!(

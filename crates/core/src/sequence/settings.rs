@@ -3,7 +3,8 @@
 //!
 //! ```toml
 //! [camera]                    # intrinsics in pixels of the frames …
-//! fx = 569.5                  # fy = fx, cx = width / 2, cy = height / 2 unless given
+//! fx = 569.5                  # fy = fx · width / height of a pixel, cx = width / 2, cy = height / 2
+//!                             # unless given
 //! # fov_x_degrees = 60.0      # … or the horizontal field of view alone
 //!
 //! [depth]
@@ -273,12 +274,14 @@ impl Settings {
     fn apply_camera(&self, recording: &mut Recording) {
         let given = &self.camera;
         let (width, height) = (recording.width as u32, recording.height as u32);
+        let aspect = recording.pixel_aspect;
         let intrinsics = if let Some(degrees) = given.fov_x_degrees {
-            Camera::with_field_of_view(width, height, degrees)
+            let camera = Camera::with_field_of_view(width, height, degrees);
+            Camera { fy: camera.fx * aspect, ..camera }
         } else if let Some(fx) = given.fx {
             Camera {
                 fx,
-                fy: given.fy.unwrap_or(fx),
+                fy: given.fy.unwrap_or(fx * aspect),
                 cx: given.cx.unwrap_or(0.5 * width as f32),
                 cy: given.cy.unwrap_or(0.5 * height as f32),
                 ..Camera::with_field_of_view(width, height, 60.0)

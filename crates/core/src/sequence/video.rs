@@ -91,12 +91,14 @@ pub(super) fn open_h264(path: &Path, video: H264, selection: &Selection) -> Resu
         return Err(other_size(path, d.from, (d.width, d.height), size));
     }
     let seconds = indices.iter().map(|&i| video.seconds(i)).collect();
+    let pixel_aspect = video.descriptions[0].pixel_aspect;
     let video = Arc::new(video);
     let frame =
         |index| FrameFiles::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
     let mut recording = Recording::new(path, size, indices.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
     recording.seconds = seconds;
+    recording.shape_pixels(pixel_aspect);
     Ok(recording)
 }
 

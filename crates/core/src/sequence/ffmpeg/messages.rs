@@ -58,6 +58,8 @@ pub(super) struct Told {
     pub frames_per_second: Option<f32>,
     /// Number of columns and rows by the description of the video.
     pub announced_size: Option<(usize, usize)>,
+    /// Width of a pixel by its height, if the video says it.
+    pub pixel_aspect: Option<f32>,
     /// Number of decoded frames, used or not.
     pub frames: usize,
     pub size: Option<(usize, usize)>,
@@ -111,6 +113,8 @@ impl Told {
             self.has_video = true;
             self.frames_per_second = announced_speed(line);
             self.announced_size = line.split([',', ' ']).find_map(size);
+            let aspect = after(line, "SAR ").and_then(|aspect| ratio(&aspect.replace(':', "/")));
+            self.pixel_aspect = aspect.map(|aspect| aspect as f32);
         }
         // Warnings about cut packets do not count: a broadcast stream usually ends within a packet.
         let is_complaint =

@@ -139,6 +139,7 @@ fn stream(
     recording.seconds.truncate(there);
     recording.frames_per_second = mean_speed(&recording.seconds).or(told.frames_per_second);
     recording.notes = notes;
+    recording.shape_pixels(told.pixel_aspect);
     recording.read_by_ffmpeg.push(path);
     Ok(recording)
 }
@@ -176,6 +177,7 @@ fn unpack(video: &Unread, selection: &Selection) -> Result<Recording> {
     recording.seconds = seconds.unwrap_or_default();
     recording.frames_per_second = mean_speed(&told.seconds).or(told.frames_per_second);
     recording.notes.extend(notes);
+    recording.shape_pixels(told.pixel_aspect);
     recording.scratch.push(scratch);
     recording.read_by_ffmpeg.push(video.path.clone());
     Ok(recording)

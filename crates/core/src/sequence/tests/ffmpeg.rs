@@ -4,6 +4,7 @@ use super::*;
 use crate::sequence::{
     ffmpeg::{Container, Shared, open},
     recording::Recording,
+    settings::Settings,
 };
 use std::path::Path;
 
@@ -146,4 +147,26 @@ fn frames_that_come_beyond_those_asked_for_are_left_out() {
     let names: Vec<_> = recording.frames.iter().map(|f| f.name.as_str()).collect();
     assert_eq!(names, ["000004", "000006", "000008"]);
     assert!(opened(five, &Selection { first: 5, last: Some(4), every: 1 }).is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn cameras_have_the_shape_of_the_videos_pixels() {
+    let said = WHOLE.replace("SAR 1:1", "SAR 16:12");
+    let one = |said: &str| {
+        opened(&format!("cp $frame $out/00000000.png; cat >&2 <<'END'\n{said}END"), &ALL).unwrap()
+    };
+    let mut wide = one(&said);
+    assert_eq!(wide.cameras[0].fy, wide.cameras[0].fx * (4.0 / 3.0));
+    assert!(wide.notes[0].contains("1.333 times as wide as high"), "{:?}", wide.notes);
+    // Settings follow them, too, unless they say more.
+    for (given, fy) in [("fx = 30.0", 40.0), ("fx = 30.0\nfy = 31.0", 31.0)] {
+        let settings: Settings = toml::from_str(&format!("[camera]\n{given}\n")).unwrap();
+        settings.apply(&mut wide, Path::new("")).unwrap();
+        assert_eq!(wide.cameras[0].fy, fy);
+    }
+    for square in [WHOLE, &said.replace("16:12", "0:1"), &said.replace("SAR 16:12 ", "")] {
+        let square = one(square);
+        assert_eq!((square.cameras[0].fy, square.notes.len()), (square.cameras[0].fx, 0));
+    }
 }

@@ -130,3 +130,20 @@ fn a_frame_that_changed_since_is_an_error_and_no_other_frame() {
     assert!(message.contains("frame") && message.contains("cannot be decoded"), "{message}");
     assert!(stream.frame(3).is_ok());
 }
+
+#[test]
+fn pixels_have_the_shape_that_the_file_tells() {
+    if !is_ffmpeg_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let is_wide = |recording: &Recording| (recording.pixel_aspect - 4.0 / 3.0).abs() < 1e-3;
+    let path = folder.path().join("wide.mkv");
+    assert!(make(&path, "-c:v mpeg4 -vf setsar=4/3"));
+    assert!([true, false].iter().all(|is_unpacked| is_wide(&opened(&path, *is_unpacked, &Selection::ALL))));
+    let path = folder.path().join("wide.mp4");
+    if make(&path, "-c:v libx264 -vf setsar=4/3 -pix_fmt yuv420p") {
+        let decoded_here = crate::sequence::video::open(&path, &Selection::ALL).unwrap();
+        assert!(decoded_here.read_by_ffmpeg.is_empty() && is_wide(&decoded_here));
+    }
+}
