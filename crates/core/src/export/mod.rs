@@ -32,6 +32,8 @@ pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, int
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
 
+pub(crate) use provenance::exported_files;
+
 use crate::{
     Error, Remedy, Result,
     files::{WholeFile, write_whole},

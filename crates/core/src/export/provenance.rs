@@ -5,11 +5,15 @@ use crate::{
     Error, Result,
     files::write_whole,
     prepare::EncoderIdentity,
+    reading::{MOST_BYTES, read_regular},
     relevancy::RelevancySettings,
     scene::Scene,
     sequence::{MAX_FRAMES_PER_SECOND, seconds_of, shown_for},
 };
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 /// Name of the record inside an export.
 pub const FILE_NAME: &str = "provenance.json";
@@ -184,6 +188,33 @@ pub struct ExportedFile {
     pub frame: Option<usize>,
     /// The prompt it is about; `None` if it shows all of them.
     pub prompt: Option<String>,
+}
+
+/// Returns the files of the export that lies in `folder`, or around it, by their paths from `folder`; none if
+/// there is no record of one.
+pub(crate) fn exported_files(folder: &Path) -> BTreeMap<PathBuf, ExportedFile> {
+    let mut found: BTreeMap<_, _> =
+        recorded_files(folder).into_iter().map(|file| (PathBuf::from(&file.name), file)).collect();
+    // A path as it was given may not name the folder around.
+    let whole = folder.canonicalize().unwrap_or_default();
+    if let (Some(around), Some(part)) = (whole.parent(), whole.file_name()) {
+        for file in recorded_files(around) {
+            if let Ok(path) = Path::new(&file.name).strip_prefix(part) {
+                found.entry(path.to_owned()).or_insert(file);
+            }
+        }
+    }
+    found
+}
+
+/// Returns the files that the record in `folder` lists; none if there is none, or one of another program.
+fn recorded_files(folder: &Path) -> Vec<ExportedFile> {
+    #[derive(serde::Deserialize)]
+    struct Files {
+        files: Vec<ExportedFile>,
+    }
+    let bytes = read_regular(&folder.join(FILE_NAME), MOST_BYTES).unwrap_or_default();
+    serde_json::from_slice(&bytes).map_or(Vec::new(), |Files { files }| files)
 }
 
 /// The complete file: provenance, whether the export is finished, and its files.

@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    export::slugs,
+    export::{ExportedFile, exported_files, slugs},
     grid::Mask,
     meaning::{ClassWords, Interpreter, Meaning, Vocabulary},
     reading::{is_present, read_text},
@@ -28,7 +28,8 @@ const MOST_FOREIGN: usize = 8;
 /// CLASS is the name of a class, or listed words that mean one class of the recording and no other, as
 /// prompts are understood.
 ///
-/// FRAME is the name of the recorded frame, or ends in its number, counted from 0.
+/// FRAME is the name of the recorded frame, or ends in its number, counted from 0. The record of an export
+/// comes before both: recorded frames may have names that are numbers counted from 1.
 #[derive(Clone, Debug)]
 pub struct PredictedMasks {
     sequence: Sequence,
@@ -65,9 +66,14 @@ impl PredictedMasks {
     /// silently left out.
     pub fn open(folder: &Path, sequence: &Sequence) -> Result<Self> {
         let mut frames: BTreeMap<usize, Vec<Prediction>> = BTreeMap::new();
-        let names = Names::of(sequence);
+        let (names, exported) = (Names::of(sequence), exported_files(folder));
         for path in pictures(folder)? {
-            let (frame, prediction) = place(&path, folder, sequence, &names).ok_or_else(|| {
+            let recorded = path.strip_prefix(folder).ok().and_then(|path| exported.get(path));
+            let placed = match recorded {
+                Some(file) => place_exported(&path, file, sequence, &names),
+                None => place(&path, folder, sequence, &names),
+            };
+            let (frame, prediction) = placed.ok_or_else(|| {
                 Error::input_at(
                     &path,
                     "it cannot be told from its name which frame and class this mask is of",
@@ -255,7 +261,22 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Returns the frame and class of a picture.
+/// Returns the frame and class of a picture that the record of an export lists.
+fn place_exported(
+    path: &Path,
+    file: &ExportedFile,
+    sequence: &Sequence,
+    names: &Names<'_>,
+) -> Option<(usize, Prediction)> {
+    let frame = file.frame.filter(|frame| *frame < sequence.num_frames())?;
+    let prediction = match &file.prompt {
+        Some(prompt) => Prediction::OfClass(names.class(prompt)?, path.to_owned()),
+        None => Prediction::Labels(path.to_owned()),
+    };
+    Some((frame, prediction))
+}
+
+/// Returns the frame and class of a picture by its name.
 fn place(path: &Path, root: &Path, sequence: &Sequence, names: &Names<'_>) -> Option<(usize, Prediction)> {
     let stem = path.file_stem()?.to_str()?;
     let parent = path.parent().filter(|p| *p != root).and_then(|p| p.file_name()).and_then(|n| n.to_str());
@@ -318,6 +339,8 @@ fn frame_of(name: &str, sequence: &Sequence) -> Option<usize> {
 mod tests {
     use super::*;
     use crate::demo::{self, DemoSettings};
+    use crate::export::{Export, Format, PROVENANCE_FILE, tests::plain_provenance};
+    use crate::grid::Grid;
     use crate::progress::unobserved;
     use image::{GrayImage, Luma};
 
@@ -438,6 +461,36 @@ mod tests {
         let list = r#"{"background":0,"labels":[{"id":1,"prompt":"grasping forceps","colour":[1,2,3]}]}"#;
         std::fs::write(folder.path().join("index/labels.json"), list).unwrap();
         assert_eq!((px_of(folder.path(), "grasper"), px_of(folder.path(), "liver")), (32 * 24, 0));
+    }
+
+    #[test]
+    fn exports_are_of_the_frames_that_their_record_says() {
+        let (kept, _) = recording();
+        // Recorded frames are numbered from 1, as ffmpeg does.
+        let labels = kept.path().join("labels");
+        for kind in ["images", "masks", "labels", "depth"].map(|kind| kept.path().join(kind)) {
+            for frame in (0..12).rev() {
+                let name = |number: usize| kind.join(format!("frame_{number:06}.png"));
+                std::fs::rename(name(frame), name(frame + 1)).unwrap();
+            }
+        }
+        let sequence = Sequence::open(kept.path()).unwrap();
+        assert_eq!(sequence.frame_name(8), "frame_000009");
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = plain_provenance();
+        how.options.formats = vec![Format::Binary, Format::Index];
+        let scores = vec![Grid::filled(32, 24, 0.9); how.prompts.len()];
+        let mut export = Export::begin(folder.path(), vec![9], how, false).unwrap();
+        export.write(&image::RgbImage::new(32, 24), &scores, None).unwrap();
+        export.finish().unwrap();
+        let frames = |folder: &Path| PredictedMasks::open(folder, &sequence).unwrap().frames();
+        for inside in ["", "binary", "index"] {
+            assert_eq!(frames(&folder.path().join(inside)), [9], "{inside}");
+        }
+        assert_eq!(frames(&labels).len(), 12);
+        // Without a record, recorded names count.
+        std::fs::remove_file(folder.path().join(PROVENANCE_FILE)).unwrap();
+        assert_eq!(frames(folder.path()), [8]);
     }
 
     #[test]
