@@ -1,6 +1,5 @@
 // The page: playback, the view, prompts and keys.
 
-const USUAL_SPEED = 25; // frames per second, where the recording's own speed is not known
 // Pixels of the canvas along a recorded one: at most, at least, and at first.
 const MOST_DETAIL = 3, LEAST_DETAIL = 0.75, FIRST_DETAIL = 1.5;
 const SLOW = 40; // milliseconds of a frame beyond which a picture that changes is drawn coarser
@@ -15,12 +14,12 @@ class Player {
     const asked = new URLSearchParams(location.hash.slice(1));
     Object.assign(this, { scene, plays: false, drawn: -1, detail: FIRST_DETAIL, orbit: { yaw: 0, pitch: 0 }, shown: new Set() });
     this.last = scene.frames.length - 1;
-    this.frame = this.clamped(parseInt(asked.get("frame"), 10) || 0);
+    this.frame = this.clamped((parseInt(asked.get("frame"), 10) || 0) - scene.first);
     this.isExact = asked.has("recorded"); // as many pixels as recorded
     this.painter = new Painter(canvas, scene);
     this.listPrompts();
     this.listen();
-    byId("frame").max = this.last;
+    Object.assign(byId("frame"), { min: scene.first, max: scene.first + this.last });
     byId("message").hidden = true;
     this.draw();
   }
@@ -62,7 +61,7 @@ class Player {
       painter.whenDone(() => this.adapt(size[0] / recorded.size[0], performance.now() - start));
     }
     this.say();
-    document.body.dataset.drawn = frame;
+    document.body.dataset.drawn = scene.first + frame;
   }
 
   // Chooses the detail of the next picture by the time that one took.
@@ -82,9 +81,9 @@ class Player {
   }
 
   say() {
-    const { scene, frame, last } = this, seconds = scene.fps ? ` · ${(frame / scene.fps).toFixed(2)} s` : "";
-    byId("frame").value = frame;
-    byId("place").textContent = `Frame ${frame} of ${last}${seconds}`;
+    const { scene, frame, last } = this, seconds = scene.seconds ? ` · ${scene.seconds[frame].toFixed(2)} s` : "";
+    byId("frame").value = scene.first + frame;
+    byId("place").textContent = `Frame ${scene.first + frame} of ${scene.first + last}${seconds}`;
     byId("turned").hidden = this.isRecorded;
     byId("reset").disabled = this.isRecorded;
     for (const prompt of scene.prompts) {
@@ -101,11 +100,12 @@ class Player {
     byId("play").setAttribute("aria-label", plays ? "Pause" : "Play");
     cancelAnimationFrame(this.ticking);
     if (!plays) return this.drawSoon();
-    const speed = this.scene.fps || USUAL_SPEED, from = this.frame === this.last ? 0 : this.frame;
-    let start;
+    let end = 0, start;
+    const ends = this.scene.lasts.map((lasts) => (end += lasts)); // seconds of playing after which each frame is over
+    const from = this.frame === this.last ? 0 : (ends[this.frame - 1] ?? 0);
     const tick = (now) => {
       start ??= now;
-      const frame = (from + Math.floor(((now - start) / 1000) * speed)) % (this.last + 1);
+      const seconds = (from + (now - start) / 1000) % end, frame = Math.max(0, ends.findIndex((over) => seconds < over));
       if (frame !== this.drawn) {
         this.frame = frame;
         this.draw();
@@ -157,7 +157,7 @@ class Player {
   listen() {
     byId("play").addEventListener("click", () => this.play(!this.plays));
     byId("reset").addEventListener("click", () => this.reset());
-    byId("frame").addEventListener("input", (event) => this.scrub(event.target.valueAsNumber));
+    byId("frame").addEventListener("input", (event) => this.scrub(event.target.valueAsNumber - this.scene.first));
     addEventListener("keydown", (event) => this.press(event));
     new ResizeObserver(() => this.drawSoon()).observe(byId("stage"));
     let from;

@@ -145,11 +145,12 @@ impl Run for ConvertArgs {
     }
 }
 
-/// Returns the chapter that is asked for, or the scene if it has no chapters, or none has to be chosen.
+/// Returns the chapter that is asked for, the only one if the form holds one, or the scene.
 fn part(args: &ConvertArgs, target: &Target, scene: Scene) -> Result<Scene> {
     let holds_one = matches!(target, Target::Reference | Target::Page);
     let count = scene.chapters.iter().len();
-    match args.chapter {
+    let only = scene.chapters.iter().next().filter(|_| holds_one && count == 1);
+    match args.chapter.or(only.map(|chapter| chapter.index)) {
         Some(_) if !holds_one => {
             Err(Error::input("only pages and the released form show one chapter", "Leave out --chapter."))
         }
@@ -374,4 +375,48 @@ fn as_text(done: &Conversion) -> String {
         files => files.iter().map(|f| f.display().to_string()).collect::<Vec<_>>().join(", "),
     };
     format!("{} Gaussians{left_out}, {:.1} MB: {files}\n", done.gaussians, done.bytes as f64 / 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use surgtpgs_core::{scene::Chapter, stress::ordinary};
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ConvertArgs,
+    }
+
+    fn args(line: &str) -> ConvertArgs {
+        Line::try_parse_from(["convert"].into_iter().chain(line.split_whitespace())).unwrap().args
+    }
+
+    /// A scene of nine frames and two chapters, of which there are these.
+    fn chapters(indices: &[usize]) -> Scene {
+        let of = |index: &usize| {
+            let shown = [0..3, 5..9][*index].clone();
+            let mut scene = ordinary(6 + index);
+            scene.cameras = vec![scene.cameras[0]; 9];
+            let chapter = Chapter { index: *index, count: 2, learned: shown.clone(), shown };
+            scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+            scene.as_chapter()
+        };
+        indices.iter().map(of).fold(None, |all, part| Some(Scene::joined(all, part))).unwrap()
+    }
+
+    #[test]
+    fn forms_of_one_chapter_hold_the_only_one_alone() {
+        for line in ["scene page.html", "scene point_cloud.ply --reference"] {
+            let args = args(line);
+            let part = |scene: Scene| part(&args, &target(&args).unwrap(), scene);
+            let only = part(chapters(&[1])).unwrap();
+            assert_eq!((only.num_frames(), only.chapters.first_frame()), (4, 5), "{line}");
+            assert_eq!(part(ordinary(6)).unwrap().num_frames(), 1);
+            assert!(part(chapters(&[0, 1])).unwrap_err().to_string().contains("holds one chapter"));
+        }
+        let args = args("scene small.safetensors");
+        assert_eq!(part(&args, &Target::Scene, chapters(&[1])).unwrap().num_frames(), 9);
+    }
 }

@@ -32,7 +32,7 @@ pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, int
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
 
-pub(crate) use provenance::exported_files;
+pub(crate) use provenance::{USUAL_SPEED, exported_files};
 
 use crate::{
     Error, Remedy, Result,

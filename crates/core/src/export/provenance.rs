@@ -22,7 +22,7 @@ pub const FILE_NAME: &str = "provenance.json";
 const SCHEMA: u32 = 4;
 
 /// Frames per second of moving pictures if the recording's own speed is not known.
-pub(super) const USUAL_SPEED: f32 = 25.0;
+pub(crate) const USUAL_SPEED: f32 = 25.0;
 /// Lowest frames per second of moving pictures: the times of slower mp4 files cannot be stored.
 const SLOWEST: f32 = 1e-3;
 
@@ -121,7 +121,7 @@ impl Provenance {
                 .iter()
                 .flat_map(|identity| identity.names().map(str::to_owned))
                 .collect(),
-            frames_per_second: made.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0),
+            frames_per_second: made.speed(),
             frame_seconds: made.frame_seconds.clone(),
             held_out: made.held_out,
             training: serde_json::json!({

@@ -39,6 +39,8 @@ pub struct Chapters {
     all: Vec<Place>,
     /// Place in `all` of the chapter whose Gaussians the scene holds; `None` for none.
     current: Option<usize>,
+    /// Recorded frame that is the scene's first.
+    first_frame: usize,
 }
 
 /// A chapter, and where it is.
@@ -113,6 +115,11 @@ impl Chapters {
         self.current.map(|k| &self.all[k].chapter)
     }
 
+    /// Returns the recorded frame that is the scene's first: 0, but of [`Scene::chapter_alone`].
+    pub fn first_frame(&self) -> usize {
+        self.first_frame
+    }
+
     /// Returns the runs of frames that no chapter shows, of `num_frames`; none if the scene is one whole.
     pub fn gaps(&self, num_frames: usize) -> Vec<Range<usize>> {
         let mut next = 0;
@@ -146,7 +153,7 @@ impl Chapters {
     pub(super) fn of_parts(parts: Vec<(Chapter, Part)>, steps: usize) -> Self {
         let place = |(chapter, part)| Place { chapter, steps, source: Source::File(part) };
         let all = parts.into_iter().map(place);
-        Self { all: all.collect(), current: None }
+        Self { all: all.collect(), ..Self::default() }
     }
 }
 
@@ -209,8 +216,8 @@ impl Scene {
         let len = (shown.len() as f32 / self.num_frames() as f32).max(last - first);
         scene.deformation.begin_at(first, len);
         scene.times = times.iter().map(|time| ((time - first) / len).clamp(0.0, 1.0)).collect();
+        scene.chapters = Chapters { first_frame: shown.start, ..Chapters::default() };
         scene.cameras = self.cameras[shown].to_vec();
-        scene.chapters = Chapters::default();
         Ok(scene)
     }
 
@@ -269,7 +276,7 @@ impl Scene {
         if let Some(chapter) = self.own_chapter().filter(fits) {
             let source = Source::Memory(Arc::new((self.gaussians.clone(), self.deformation.clone())));
             let place = Place { chapter, steps: self.provenance.steps, source };
-            self.chapters = Chapters { all: vec![place], current: Some(0) };
+            self.chapters = Chapters { all: vec![place], current: Some(0), first_frame: 0 };
         }
         self
     }
@@ -431,6 +438,7 @@ mod tests {
         let scene = Scene::joined(Some(Scene::joined(None, first)), second);
         let alone = scene.chapter_alone(1).unwrap();
         assert_eq!((alone.num_frames(), alone.chapters.is_empty()), (4, true));
+        assert_eq!((alone.chapters.first_frame(), scene.chapters.first_frame()), (5, 0));
         let whole = scene.of_chapter(1).unwrap();
         for i in 0..4 {
             let there = crate::deform::deform(&whole.gaussians, &whole.deformation, scene.time(5 + i), true);

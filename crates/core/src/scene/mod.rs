@@ -98,10 +98,14 @@ pub struct Provenance {
 }
 
 impl Provenance {
+    /// Returns the frame rate of the recording, finite and above 0, if known.
+    pub fn speed(&self) -> Option<f32> {
+        self.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0)
+    }
+
     /// Returns the seconds from the first frame to `frame`; `None` if nothing tells them.
     pub fn seconds(&self, frame: usize) -> Option<f64> {
-        let speed = self.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0);
-        seconds_of(frame, &self.frame_seconds, speed)
+        seconds_of(frame, &self.frame_seconds, self.speed())
     }
 }
 

@@ -15,9 +15,10 @@ use super::{
 use crate::{
     camera::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
     deform::{BasisShape, COLOUR_CHANNEL, Deformation},
-    export::intended_use,
+    export::{USUAL_SPEED, intended_use},
     num::percentile,
     raster::{DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, NEAR},
+    sequence::shown_for,
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
 use glam::Vec3;
@@ -165,8 +166,15 @@ impl Scene {
         };
         let moves = self.cameras.iter().any(|c| c.camera_from_world != self.cameras[0].camera_from_world);
         let most_degrees = if moves { MAX_MOVING_DEGREES } else { MAX_STILL_DEGREES };
+        // Frames are named and timed as in the recording, also those of a chapter alone.
+        let (first, made) = (self.chapters.first_frame(), &self.provenance);
+        let frames = first..first + self.num_frames();
+        let usual = 1.0 / f64::from(made.speed().unwrap_or(USUAL_SPEED));
+        let lasts = |i: usize| shown_for(i, &made.frame_seconds).unwrap_or(usual);
         json!({
-            "fps": self.provenance.frames_per_second.filter(|fps| *fps > 0.0 && fps.is_finite()),
+            "first": first,
+            "seconds": frames.clone().map(|i| made.seconds(i)).collect::<Option<Vec<f64>>>(),
+            "lasts": frames.map(lasts).collect::<Vec<_>>(),
             "bases": motion.num_bases,
             "bands": self.gaussians.sh_bands(),
             "frames": (0..self.num_frames()).map(frame).collect::<Vec<_>>(),
@@ -223,7 +231,7 @@ pub(super) fn is_own(start: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stress;
+    use crate::{scene::Chapter, stress};
 
     fn page(scene: &Scene, prompts: &[PagePrompt]) -> String {
         String::from_utf8(scene.to_page(prompts)).unwrap()
@@ -283,6 +291,25 @@ mod tests {
             let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(worst < 2e-3, "{worst} at {time}");
         }
+    }
+
+    #[test]
+    fn frames_of_a_chapter_keep_their_numbers_and_times() {
+        let mut scene = stress::ordinary(20);
+        scene.cameras = vec![scene.cameras[0]; 9];
+        let chapter = Chapter { index: 1, count: 2, shown: 5..9, learned: 4..9 };
+        scene.provenance.settings = json!({ "chapter": chapter });
+        scene.provenance.frames_per_second = Some(5.0);
+        let alone = |scene: &Scene| {
+            let scene = scene.clone().as_chapter().chapter_alone(1).unwrap();
+            let header = header(&page(&scene, &[]));
+            [&header["first"], &header["seconds"], &header["lasts"]].map(Value::clone)
+        };
+        assert_eq!(alone(&scene), [json!(5), json!([1.0, 1.2, 1.4, 1.6]), json!([0.2, 0.2, 0.2, 0.2])]);
+        scene.provenance.frame_seconds = vec![0.0, 0.25, 0.5, 0.75, 1.0, 2.0, 2.25, 9.0, 9.5];
+        assert_eq!(alone(&scene), [json!(5), json!([2.0, 2.25, 9.0, 9.5]), json!([0.25, 2.0, 0.5, 0.2])]);
+        (scene.provenance.frame_seconds, scene.provenance.frames_per_second) = (Vec::new(), None);
+        assert_eq!(alone(&scene)[1..], [Value::Null, json!([0.04, 0.04, 0.04, 0.04])]);
     }
 
     #[test]
