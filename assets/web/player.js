@@ -101,7 +101,7 @@ class Player {
     cancelAnimationFrame(this.ticking);
     if (!plays) return this.drawSoon();
     let end = 0, start;
-    const ends = this.scene.lasts.map((lasts) => (end += lasts)); // seconds of playing after which each frame is over
+    const ends = this.scene.lasts.map((lasts) => (end += lasts)); // seconds at which each frame is over
     const from = this.frame === this.last ? 0 : (ends[this.frame - 1] ?? 0);
     const tick = (now) => {
       start ??= now;

@@ -121,13 +121,7 @@ impl Run for ConvertArgs {
         let target = target(self)?;
         let scene = part(self, &target, open(self)?)?;
         let inputs = inputs(self, &scene);
-        let mut done = Conversion {
-            files: Vec::new(),
-            bytes: 0,
-            gaussians: scene.gaussians.len(),
-            left_out: scene.provenance.settings["gaussians_left_out"].as_u64().unwrap_or(0),
-            lost: Vec::new(),
-        };
+        let mut done = Conversion::of(&scene);
         match target {
             Target::Scene => write_scene(self, &scene, &inputs, &mut done)?,
             Target::Reference => write_reference(self, &scene, &inputs, &mut done)?,
@@ -319,6 +313,9 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     if let Some(path) = &args.like {
         require_for(&Work::Scene(path))?;
         scene.complete_from(&Scene::load(path)?);
+        if scene.provenance.held_out && scene.provenance.steps == 0 {
+            say("note: the frames that --like held out count as held out: nothing tells how IN was trained");
+        }
     }
     if scene.gaussians.is_empty() {
         return Err(Error::input_at(
@@ -349,6 +346,12 @@ fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut
 }
 
 impl Conversion {
+    /// Begins the report about files of a scene.
+    fn of(scene: &Scene) -> Self {
+        let left_out = scene.provenance.settings["gaussians_left_out"].as_u64().unwrap_or(0);
+        Self { files: Vec::new(), bytes: 0, gaussians: scene.gaussians.len(), left_out, lost: Vec::new() }
+    }
+
     fn add(&mut self, path: PathBuf, bytes: &[u8]) {
         self.files.push(path);
         self.bytes += bytes.len() as u64;
@@ -418,5 +421,18 @@ mod tests {
         }
         let args = args("scene small.safetensors");
         assert_eq!(part(&args, &Target::Scene, chapters(&[1])).unwrap().num_frames(), 9);
+    }
+
+    #[test]
+    fn what_is_left_out_is_told_of_the_input_not_of_the_scene_it_is_like() {
+        let folder = tempfile::tempdir().unwrap();
+        let [ply, like] = ["in.ply", "like.safetensors"].map(|name| folder.path().join(name));
+        let mut damaged = ordinary(6).all_still(0.0);
+        damaged.means[2] = [f32::NAN; 3];
+        std::fs::write(&ply, damaged.to_ply(None)).unwrap();
+        ordinary(6).save(&like).unwrap();
+        let line = format!("{} out.safetensors --like {}", ply.display(), like.display());
+        let done = Conversion::of(&open(&args(&line)).unwrap());
+        assert_eq!(done.left_out, 1);
     }
 }

@@ -131,17 +131,53 @@ impl Scene {
         [self.gaussians.revision(), self.deformation.revision()]
     }
     /// Copies from another scene of the same recording the parts that a `.ply` does not hold: cameras,
-    /// field of view, class names, text encoder and provenance, and the codec if it fits.
+    /// field of view, class names, text encoder and the record of the recording, and the codec if it fits. The
+    /// record of how the scene was made stays its own. Where none tells how it was trained, the same frames count
+    /// as held out.
     pub fn complete_from(&mut self, other: &Self) {
         self.cameras.clone_from(&other.cameras);
         self.times.clone_from(&other.times);
         self.field_of_view.clone_from(&other.field_of_view);
-        self.provenance.clone_from(&other.provenance);
+        let Provenance { made_by, held_out, steps, settings, .. } = std::mem::take(&mut self.provenance);
+        let held_out = if steps == 0 { other.provenance.held_out } else { held_out };
+        self.provenance = Provenance { made_by, held_out, steps, settings, ..other.provenance.clone() };
         if other.gaussians.latent_dim == self.gaussians.latent_dim {
             self.codec.clone_from(&other.codec);
             self.classes.clone_from(&other.classes);
             self.encoder.clone_from(&other.encoder);
             self.words.clone_from(&other.words);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stress::ordinary;
+
+    #[test]
+    fn a_completed_scene_keeps_the_record_of_how_it_was_made() {
+        let [mut imported, mut other] = [ordinary(5), ordinary(6)];
+        imported.provenance.made_by = "imported".into();
+        imported.provenance.settings = serde_json::json!({ "gaussians_left_out": 3 });
+        let own = imported.provenance.clone();
+        other.provenance = Provenance {
+            made_by: "trained".into(),
+            sequence_name: "pulling".into(),
+            depth: Some(DepthOrigin::Recorded),
+            held_out: true,
+            frames_per_second: Some(25.0),
+            frame_seconds: vec![0.0, 0.5],
+            steps: 4000,
+            settings: serde_json::json!({ "iterations": 4000 }),
+            ..Provenance::default()
+        };
+        for (steps, held_out) in [(0, true), (100, false)] {
+            imported.provenance = Provenance { steps, ..own.clone() };
+            imported.complete_from(&other);
+            let Provenance { made_by, settings, .. } = own.clone();
+            let wanted = Provenance { made_by, settings, steps, held_out, ..other.provenance.clone() };
+            assert_eq!(imported.provenance, wanted);
         }
     }
 }
