@@ -30,6 +30,7 @@ use surgtpgs_core::{
         psnr_published_db, ssim,
     },
     raster::{Images, MIN_DEPTH_ALPHA},
+    scene::Scene,
     sequence::Sequence,
     train::fit_camera,
 };
@@ -108,13 +109,14 @@ pub(crate) fn evaluate(
         .ok_or_else(|| Error::input("the recording is not at hand", "Give it after the scene."))?;
     engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
-    let frames = frames_to_measure(engine, &sequence);
+    let shown = shown_frames(engine.scene(), sequence.num_frames());
+    let frames = frames_to_measure(engine, &shown);
     if frames.is_empty() {
         let what = "there is no frame to measure: all are marked, or too few for one to be held out";
         return Err(Error::input(what, "Evaluate a longer recording, or with marks on some frames only."));
     }
     let all_held_out = held_out && frames.iter().all(|&i| Sequence::is_test_frame(i));
-    let seen = if all_held_out { training_frames(&sequence) } else { Vec::new() };
+    let seen = if all_held_out { training_frames(&shown) } else { Vec::new() };
     let total = frames.len() + seen.len();
     let mut classes = asked_classes(engine, &sequence)?;
     let (mut rows, mut times) = (Vec::new(), Times::default());
@@ -163,28 +165,30 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// Returns the frames without a mark if there are marks, else those held out, or all. Frames that were left
-/// out of the training, and those that no chapter shows, do not count.
-fn frames_to_measure(engine: &Engine, sequence: &Sequence) -> Vec<usize> {
-    let scene = engine.scene();
-    let held_out = scene.provenance.held_out;
+/// Returns the frames that the scene shows: all but those that were left out of the training, and those that
+/// no chapter shows.
+fn shown_frames(scene: &Scene, num_frames: usize) -> Vec<usize> {
+    // Read by itself: settings of older scenes are not whole.
     let excluded = scene.provenance.settings.get("excluded").cloned().unwrap_or_default();
     let excluded: Vec<(usize, usize)> = serde_json::from_value(excluded).unwrap_or_default();
-    let gaps = scene.chapters.gaps(sequence.num_frames());
-    let is_shown = |i: &usize| {
-        !excluded.iter().any(|(from, to)| (from..=to).contains(&i)) && !gaps.iter().any(|gap| gap.contains(i))
-    };
+    let is_excluded = |i: &usize| excluded.iter().any(|(from, to)| (from..=to).contains(&i));
+    (0..num_frames).filter(|i| !is_excluded(i) && scene.shows(scene.time(*i))).collect()
+}
+
+/// Returns of the shown frames those without a mark if there are marks, else those held out, or all.
+fn frames_to_measure(engine: &Engine, shown: &[usize]) -> Vec<usize> {
+    let held_out = engine.scene().provenance.held_out;
     let marked = engine.marks().map(Marks::frames);
     let counts = |i: &usize| match &marked {
         Some(marked) => !marked.contains(i),
         None => !held_out || Sequence::is_test_frame(*i),
     };
-    (0..sequence.num_frames()).filter(counts).filter(is_shown).collect()
+    shown.iter().copied().filter(counts).collect()
 }
 
-/// Returns at most [`MOST_TRAIN_FRAMES`] frames that are not held out, evenly spread.
-fn training_frames(sequence: &Sequence) -> Vec<usize> {
-    let seen: Vec<usize> = (0..sequence.num_frames()).filter(|&i| !Sequence::is_test_frame(i)).collect();
+/// Returns at most [`MOST_TRAIN_FRAMES`] of the shown frames that are not held out, evenly spread.
+fn training_frames(shown: &[usize]) -> Vec<usize> {
+    let seen: Vec<usize> = shown.iter().copied().filter(|&i| !Sequence::is_test_frame(i)).collect();
     let step = seen.len().div_ceil(MOST_TRAIN_FRAMES).max(1);
     seen.into_iter().step_by(step).collect()
 }
@@ -299,5 +303,26 @@ impl Evaluation {
         }
         let frames = vec![row(0, 30.0), row(8, 40.0)];
         Self { report: EvalReport::of(&frames, true, &classes), frames, classes }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surgtpgs_core::{scene::Chapter, stress::ordinary};
+
+    #[test]
+    fn frames_that_training_never_saw_do_not_count() {
+        let mut scene = ordinary(3);
+        assert_eq!(shown_frames(&scene, 4), [0, 1, 2, 3]);
+        scene.cameras = vec![scene.cameras[0]; 20];
+        // Stopped after the first of two chapters.
+        let chapter = Chapter { index: 0, count: 2, shown: 0..10, learned: 0..12 };
+        scene.provenance.settings = serde_json::json!({ "chapter": chapter, "excluded": [[3, 5]] });
+        let shown = shown_frames(&scene.as_chapter(), 20);
+        assert_eq!(shown, [0, 1, 2, 6, 7, 8, 9]);
+        assert_eq!(training_frames(&shown), [0, 2, 6, 7, 8], "1 and 9 are held out");
+        let long: Vec<usize> = (0..1000).collect();
+        assert!(training_frames(&long).len() <= MOST_TRAIN_FRAMES);
     }
 }

@@ -184,6 +184,11 @@ impl Scene {
         self.chapters.is_empty() || self.place_at(time) == self.chapters.current
     }
 
+    /// Returns `true` if there is something to show at `time`.
+    pub fn shows(&self, time: f32) -> bool {
+        self.chapters.is_empty() || self.place_at(time).is_some()
+    }
+
     /// Returns the scene with the Gaussians of the chapter that is shown at `time`. Where none is, it has none.
     ///
     /// # Errors
@@ -400,6 +405,8 @@ mod tests {
             scene.chapters.gaps(9).iter().map(|gap| (gap.start, gap.end)).collect()
         };
         assert_eq!([&scene, &first, &ordinary(3)].map(gaps), [vec![(3, 5)], vec![(3, 9)], vec![]]);
+        assert_eq!((0..9).map(|i| scene.shows(scene.time(i))).collect::<Vec<_>>(), COUNTS.map(|n| n > 0));
+        assert!(ordinary(3).shows(0.0));
         assert_eq!([2, 6].map(|i| scene.cameras[i]), [first.cameras[2], second.cameras[6]]);
         let folder = tempfile::tempdir().unwrap();
         for compact in [false, true] {
