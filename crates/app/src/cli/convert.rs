@@ -34,7 +34,7 @@ pub(super) struct ConvertArgs {
     /// without extension is a folder of frame0000.ply, frame0001.ply …
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// The frame whose Gaussians are written (default: the first)
+    /// The frame whose Gaussians are written (default: the first that is shown)
     #[arg(long, value_name = "I", conflicts_with_all = ["time", "frames"])]
     frame: Option<usize>,
     /// The time whose Gaussians are written, 0 to 1
@@ -122,13 +122,7 @@ impl Run for ConvertArgs {
         let scene = part(self, &target, open(self)?)?;
         let inputs = inputs(self, &scene);
         let mut done = Conversion::of(&scene);
-        match target {
-            Target::Scene => write_scene(self, &scene, &inputs, &mut done)?,
-            Target::Reference => write_reference(self, &scene, &inputs, &mut done)?,
-            Target::Still(format) => write_still(self, &scene, format, &inputs, &mut done)?,
-            Target::Folder => write_folder(self, &scene, &inputs, &mut done)?,
-            Target::Page => write_page(self, scene, &inputs, &mut done)?,
-        }
+        write(self, &target, scene, &inputs, &mut done)?;
         done.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
         print_report(&done, &as_text(&done), self.json)?;
         Ok(Exit::Done)
@@ -171,10 +165,35 @@ fn inputs(args: &ConvertArgs, scene: &Scene) -> Inputs {
     }
 }
 
+fn write(
+    args: &ConvertArgs,
+    target: &Target,
+    scene: Scene,
+    inputs: &Inputs,
+    done: &mut Conversion,
+) -> Result<()> {
+    match target {
+        Target::Scene => write_scene(args, &scene, inputs, done),
+        Target::Reference => write_reference(args, &scene, inputs, done),
+        Target::Still(format) => write_still(args, &scene, *format, inputs, done),
+        Target::Folder => write_folder(args, &scene, inputs, done),
+        Target::Page => write_page(args, scene, inputs, done),
+    }
+}
+
 fn write_scene(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
     output.write_with(|file| scene.write(file, args.quantize))?;
+    done.gaussians = num_gaussians(scene)?;
     done.add_file(&args.output)
+}
+
+/// Returns the number of Gaussians of all chapters.
+fn num_gaussians(scene: &Scene) -> Result<usize> {
+    if scene.chapters.is_empty() {
+        return Ok(scene.gaussians.len());
+    }
+    scene.chapters.iter().map(|chapter| Ok(scene.of_chapter(chapter.index)?.gaussians.len())).sum()
 }
 
 fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
@@ -193,7 +212,7 @@ fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mu
         fit(&mut released, scene, args.fit_steps)?;
     }
     let ply_bytes = released.scene.to_reference_ply();
-    done.lost = released.lost;
+    (done.gaussians, done.lost) = (released.scene.gaussians.len(), released.lost);
     ply.write(&ply_bytes)?;
     weights.write(&weights_bytes)?;
     done.add(args.output.clone(), &ply_bytes);
@@ -222,40 +241,71 @@ fn write_still(
     inputs: &Inputs,
     done: &mut Conversion,
 ) -> Result<()> {
-    let frame = args.frame.unwrap_or(0);
+    let shows = |frame: &usize| scene.shows(scene.time(*frame));
+    let frame = args.frame.or_else(|| (0..scene.num_frames()).find(shows)).unwrap_or(0);
     if frame >= scene.num_frames() {
         let what = format!("there is no frame {frame}; the scene has {}, from 0", scene.num_frames());
         return Err(Error::input(what, "Give a smaller --frame."));
     }
     let time = args.time.unwrap_or(scene.time(frame));
+    if !scene.shows(time) {
+        return Err(not_shown(&args.time.map_or(format!("frame {frame}"), |time| format!("time {time}"))));
+    }
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
-    let bytes = still(&scene.at(time)?, time, frame, format, done);
+    let now = scene.at(time)?;
+    done.gaussians = now.gaussians.len();
+    let bytes = still(&now, time, frame, format, done);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
 }
 
+/// Error of frames that no chapter shows.
+fn not_shown(what: &str) -> Error {
+    let what = format!(
+        "no chapter of the scene shows {what}: it was left out of the training, or is not reached yet"
+    );
+    Error::input(what, "Choose another one, or train the recording to its end.")
+}
+
+/// Writes frames into a folder. Those that no chapter shows are left out.
 fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+    let frames = FrameRange::frames(args.frames, scene.num_frames())?;
+    let (frames, missing): (Vec<usize>, Vec<usize>) =
+        frames.into_iter().partition(|frame| scene.shows(scene.time(*frame)));
+    if frames.is_empty() {
+        return Err(not_shown("any of these frames"));
+    }
     let output = outputs::folder(&args.output, outputs::FRAMES, inputs, args.force)?;
     let mut view = ProgressView::default();
-    let frames = FrameRange::frames(args.frames, scene.num_frames())?;
-    let mut now = scene.clone();
+    let mut now = scene.at(scene.time(frames[0]))?;
+    done.gaussians = now.gaussians.len();
     for (k, &frame) in frames.iter().enumerate() {
         let name = format!("frame{frame:04}.{}", args.format.extension());
         if !now.is_at(scene.time(frame)) {
             now = scene.at(scene.time(frame))?;
+            done.gaussians += now.gaussians.len();
         }
         let bytes = still(&now, scene.time(frame), frame, args.format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
         view.count("converting", k + 1, frames.len());
     }
+    done.lost.extend(match &missing[..] {
+        [] => None,
+        [one] => Some(format!("frame {one} is left out: no chapter shows it")),
+        [first, .., last] => Some(format!(
+            "{} frames from {first} to {last} are left out: no chapter shows them",
+            missing.len()
+        )),
+    });
     output.finish()
 }
 
 fn write_page(args: &ConvertArgs, scene: Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
     let scene = Arc::new(scene);
+    done.gaussians = scene.gaussians.len();
     let bytes = scene.to_page(&page::prompts(&scene, &args.prompt)?);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
@@ -349,7 +399,7 @@ impl Conversion {
     /// Begins the report about files of a scene.
     fn of(scene: &Scene) -> Self {
         let left_out = scene.provenance.settings["gaussians_left_out"].as_u64().unwrap_or(0);
-        Self { files: Vec::new(), bytes: 0, gaussians: scene.gaussians.len(), left_out, lost: Vec::new() }
+        Self { files: Vec::new(), bytes: 0, gaussians: 0, left_out, lost: Vec::new() }
     }
 
     fn add(&mut self, path: PathBuf, bytes: &[u8]) {
@@ -421,6 +471,34 @@ mod tests {
         }
         let args = args("scene small.safetensors");
         assert_eq!(part(&args, &Target::Scene, chapters(&[1])).unwrap().num_frames(), 9);
+    }
+
+    #[test]
+    fn frames_that_no_chapter_shows_are_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let convert = |line: &str, scene: &Scene| {
+            let path = folder.path().join(line.split_whitespace().nth(1).unwrap());
+            let args = ConvertArgs { output: path, ..args(line) };
+            let mut done = Conversion::of(scene);
+            let target = target(&args)?;
+            write(&args, &target, scene.clone(), &Inputs::none(), &mut done).map(|()| done)
+        };
+        let scene = chapters(&[0, 1]);
+        for line in ["in one.ply --frame 4", "in one.glb --time 0.5", "in frames --frames 3..5"] {
+            let error = convert(line, &scene).err().unwrap().to_string();
+            assert!(error.contains("no chapter of the scene shows"), "{line}: {error}");
+        }
+        assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "nothing was written");
+        let of = |line: &str, scene: &Scene| {
+            let done = convert(line, scene).unwrap();
+            (done.files.len(), done.gaussians, done.lost.len())
+        };
+        assert_eq!(of("in frames", &scene), (7, 13, 1));
+        assert_eq!(of("in some --frames 6..9", &scene), (3, 7, 0));
+        assert_eq!(of("in last.ply --frame 8", &scene), (1, 7, 0));
+        assert_eq!(of("in first.ply", &chapters(&[1])), (1, 7, 0), "the first that is shown");
+        assert_eq!(of("in all.safetensors", &scene), (1, 13, 0));
+        assert_eq!(of("in whole", &ordinary(4)), (1, 4, 0));
     }
 
     #[test]
