@@ -73,7 +73,7 @@ pub struct Provenance {
     pub relevancy: RelevancySettings,
     /// Method by which scores were computed, e.g. "lattice".
     pub relevancy_rung: String,
-    /// Renderer, e.g. "CPU, 2 threads, Avx512".
+    /// Renderer without the number of its threads, which changes no file, e.g. "CPU, Avx512".
     pub rendered_by: String,
     /// Prompts of the export.
     pub prompts: Vec<ExportPrompt>,
@@ -132,7 +132,7 @@ impl Provenance {
             template: encoder.template.clone(),
             relevancy,
             relevancy_rung: rung.to_owned(),
-            rendered_by,
+            rendered_by: without_threads(&rendered_by),
             prompts,
             marks_sha256: None,
             dicom_sources_sha256: None,
@@ -175,6 +175,11 @@ impl Provenance {
         };
         std::iter::once(0.0).chain(frames.iter().scan(0.0, after)).collect()
     }
+}
+
+/// Returns the name of a renderer without the number of its threads.
+fn without_threads(name: &str) -> String {
+    name.split(", ").filter(|part| !part.ends_with(" threads")).collect::<Vec<_>>().join(", ")
 }
 
 /// One file of an export.
@@ -239,13 +244,16 @@ impl Record {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io("read the record of the earlier export", path, e)),
         };
-        serde_json::from_slice(&bytes).map(Some).map_err(|e| {
+        let mut record: Self = serde_json::from_slice(&bytes).map_err(|e| {
             Error::input_at(
                 path,
                 format!("the record of the earlier export cannot be read: {e}"),
                 "Choose an empty folder, or remove this file.",
             )
-        })
+        })?;
+        // Older records have the number of threads.
+        record.provenance.rendered_by = without_threads(&record.provenance.rendered_by);
+        Ok(Some(record))
     }
 
     /// Adds the files of a frame and removes earlier entries about it.

@@ -3,7 +3,9 @@ use crate::{
     Remedy,
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
+    prepare::EncoderIdentity,
     relevancy::RelevancySettings,
+    stress,
 };
 
 /// Returns scores of two prompts on a 40 × 24 picture: the left half scores for one, the right three
@@ -225,6 +227,34 @@ fn an_export_goes_on_where_it_stopped() {
 
     let third = run(folder.path(), &[0, 1, 2], &how, false).unwrap();
     assert_eq!((third.complete, third.skipped_frames), (true, 3));
+}
+
+#[test]
+fn an_export_goes_on_with_another_number_of_threads() {
+    let encoder = EncoderIdentity {
+        name: "builtin".into(),
+        sha256: "11".into(),
+        dim: 3,
+        template: "{}".into(),
+        folder: None,
+    };
+    let by = |renderer: &str| {
+        let plain = provenance(&[Format::Binary], false);
+        let (names, scene) = ((renderer.to_owned(), "exact"), stress::ordinary(1));
+        Provenance::new(&scene, "00".into(), &encoder, plain.relevancy, names, plain.prompts, plain.options)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let mut stopped = Export::begin(folder.path(), vec![0, 1], by("CPU, 2 threads, Avx512"), false).unwrap();
+    stopped.write(&picture(), &scores(), None).unwrap();
+    assert!(!stopped.finish().unwrap().complete);
+    assert!(Export::is_of(folder.path(), &by("CPU, 16 threads, Avx512")));
+    assert!(!Export::is_of(folder.path(), &by("CPU, 2 threads, Avx2")), "which may round differently");
+    let whole = run(folder.path(), &[0, 1], &by("CPU, 16 threads, Avx512"), false).unwrap();
+    assert_eq!((whole.complete, whole.skipped_frames), (true, 1));
+    // As older records have it.
+    let older = Provenance { rendered_by: "CPU, 2 threads, Avx512".into(), ..by("") };
+    run(folder.path(), &[0], &older, true).unwrap();
+    assert!(Export::is_of(folder.path(), &by("CPU, 3 threads, Avx512")));
 }
 
 #[test]
