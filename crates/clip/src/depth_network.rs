@@ -58,10 +58,12 @@ impl DepthNetwork {
         &self.model.sha256
     }
 
-    /// Estimates depth or disparity of a picture, in a unit and at a size of the network's own.
+    /// Estimates depth or disparity of a picture, in a unit and at a size of the network's own. Some values
+    /// may not be finite.
     pub fn estimate(&mut self, image: &RgbImage) -> Result<Grid<f32>> {
         let picture = self.model.whole(image);
-        let map = self.run(picture)?;
+        let output = self.model.run_unchecked(&[picture])?;
+        let map = self.as_map(output)?;
         Ok(match self.range {
             Some([near, far]) if self.kind == DepthKind::Disparity => {
                 map.map(|v| 1.0 / far + (1.0 / near - 1.0 / far) * v)
@@ -70,8 +72,7 @@ impl DepthNetwork {
         })
     }
 
-    fn run(&mut self, picture: Vec<f32>) -> Result<Grid<f32>> {
-        let (axes, values) = self.model.run(&[picture])?;
+    fn as_map(&self, (axes, values): (Vec<usize>, Vec<f32>)) -> Result<Grid<f32>> {
         match axes[..] {
             [_, height, width] | [_, 1, height, width] if height * width > 1 => {
                 Ok(Grid::from_vec(width, height, values.into_iter().take(width * height).collect()))
@@ -85,7 +86,8 @@ impl DepthNetwork {
 
     /// Runs the network on a made-up picture; the values show if it ends in a sigmoid.
     fn try_out(&mut self) -> Result<()> {
-        let map = self.run(self.model.trial())?;
+        let output = self.model.run(&[self.model.trial()])?;
+        let map = self.as_map(output)?;
         let is_sigmoid = map.data.iter().all(|v| (0.0..=1.0).contains(v));
         if self.kind == DepthKind::Disparity && is_sigmoid && self.range.is_none() {
             self.range = Some(SIGMOID_RANGE);

@@ -156,12 +156,23 @@ impl PictureModel {
         (0..3 * rows * columns).map(shade).collect()
     }
 
-    /// Runs the model on `pictures`, [n, …], and returns all axes and values of the output. The pictures'
-    /// values are finite.
+    /// Runs the model as [`Self::run_unchecked`] does. Fails if the pictures' values are not finite.
     pub(crate) fn run(&mut self, pictures: &[Vec<f32>]) -> Result<(Vec<usize>, Vec<f32>)> {
-        let what = self.what.trim_start_matches("an ").trim_start_matches("a ");
+        let (axes, values) = self.run_unchecked(pictures)?;
+        // Rows that only fill the batch are not checked.
+        if !values[..values.len() / axes[0] * pictures.len()].iter().all(|v| v.is_finite()) {
+            let what = format!("The {} returned not-a-number", self.name());
+            return Err(Error::input_at(&self.path, what, NOT_FINITE));
+        }
+        Ok((axes, values))
+    }
+
+    /// Runs the model on `pictures`, [n, …], and returns all axes and values of the output, of which there
+    /// are some; the first axis is that of the pictures.
+    pub(crate) fn run_unchecked(&mut self, pictures: &[Vec<f32>]) -> Result<(Vec<usize>, Vec<f32>)> {
+        let name = self.name();
         let failed = |cause: String| {
-            Error::input_at(&self.path, format!("The {what} failed ({cause})"), "The model may be damaged.")
+            Error::input_at(&self.path, format!("The {name} failed ({cause})"), "The model may be damaged.")
         };
         let [rows, columns] = self.size;
         let num = self.batch.unwrap_or(pictures.len());
@@ -174,11 +185,12 @@ impl PictureModel {
             let cause = format!("output `{}` has the shape {axes:?} for {num} pictures", self.output);
             return Err(failed(cause));
         }
-        // Rows that only fill the batch are not checked.
-        if !values[..values.len() / num * pictures.len()].iter().all(|v| v.is_finite()) {
-            return Err(Error::input_at(&self.path, format!("The {what} returned not-a-number"), NOT_FINITE));
-        }
         Ok((axes, values.to_vec()))
+    }
+
+    /// Name of the kind of model, without its article.
+    fn name(&self) -> &'static str {
+        self.what.trim_start_matches("an ").trim_start_matches("a ")
     }
 }
 

@@ -122,6 +122,19 @@ fn every_place_of_a_picture_gets_its_features() {
 }
 
 #[test]
+fn depth_may_be_unknown_at_some_places() {
+    let axes = |channels: i64| [Some(1), Some(channels), Some(24), Some(32)];
+    let root = Graph::default()
+        .input("image", FLOAT, &axes(3))
+        .output("disp", FLOAT, &axes(1))
+        .node_with("grey", "ReduceMean", &["image"], &[("axes", &[1]), ("keepdims", &[1])])
+        .node("disp", "Sqrt", &["grey"]);
+    let mut network = depth(root, "mean = [0.5, 0.5, 0.5]\nrange = [1.0, 20.0]\n").unwrap();
+    let map = network.estimate(&picture()).unwrap();
+    assert!(map.at(2, 12).is_nan() && map.at(30, 12).is_finite(), "the dark half has no root");
+}
+
+#[test]
 fn numbers_that_are_not_finite_are_errors() {
     for value in [f32::NAN, f32::INFINITY] {
         let depth = folder_of(&with_constant(depth_network("disp", false), "four", value), "");

@@ -8,15 +8,21 @@ use crate::{
     grid::Grid,
     num::percentile,
     progress::{Observer, Progress},
-    sequence::{DepthKind, EstimatedDepth, MONOCULAR_BASELINE, Sequence, depth_file, npy_map},
+    sequence::{DepthKind, EstimatedDepth, MONOCULAR_BASELINE, Sequence, depth_file, name_frames, npy_map},
 };
 use image::RgbImage;
 use ndarray::ArrayView2;
 use ndarray_npy::WriteNpyExt;
-use std::{path::Path, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+    sync::Arc,
+};
 
 /// Stage of the estimation in its progress.
 const STAGE: &str = "estimating depth";
+/// Number of frames, spread over the recording, that are estimated first: they tell if the network is of use.
+const TRIED: usize = 8;
 /// Smallest usable share of a frame's values.
 const MIN_USABLE: f64 = 0.5;
 /// Smallest and largest factor that the depth of a frame may span, the extremes left out.
@@ -41,8 +47,10 @@ pub struct Estimator<'a> {
 /// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
 /// fitted to one another, unless the camera moves by known poses.
 ///
-/// Fails if the recording has depth, if most of a frame's values are unusable, if they are all the same or
-/// span more than any scene, or if the observer asks to stop.
+/// A frame has no depth if most of its values are unusable, if they are all the same, or if they span more
+/// than any scene: it may be black, or fogged.
+///
+/// Fails if the recording has depth, if most frames would have none, or if the observer asks to stop.
 pub fn estimate_depth(
     sequence: &Sequence,
     estimator: Estimator<'_>,
@@ -56,19 +64,13 @@ pub fn estimate_depth(
     }
     clear_folder(folder, sequence)?;
     let frames = sequence.used_frames(eval);
-    let Estimator { network, kind, estimate } = estimator;
-    let mut samples = Vec::new();
-    let mut light = Correlation::default();
-    for (done, &i) in frames.iter().enumerate() {
-        Progress::new(STAGE, done, frames.len()).tell(observer)?;
-        let image = sequence.frame(i)?;
-        let focal = f64::from(sequence.camera(i).fx);
-        let depth = as_depth(&estimate(&image)?, kind, focal);
-        check(sequence, i, &depth)?;
-        samples.push(sampled(sequence, i, &depth, &image, &mut light)?);
-        write(&depth_file(folder, i), &depth)?;
-    }
+    let (network, kind) = (estimator.network.to_owned(), estimator.kind);
+    let Found { log_depth, unusable, light, .. } = Found::of(sequence, estimator, &frames, folder, observer)?;
     let mut notes = Vec::new();
+    if !unusable.is_empty() {
+        let unusable: Vec<usize> = unusable.into_iter().collect();
+        notes.push(format!("No depth for {}: the network gives nothing usable", name_frames(&unusable)));
+    }
     if light.value() > MAX_CORRELATION {
         notes.push(
             "What is far is brighter than what is near, though an endoscope lights what is near: the network's depth may be \
@@ -80,14 +82,85 @@ pub fn estimate_depth(
         notes.push("The camera moves: the scale of estimated depth was left as it is".to_owned());
         1.0
     } else {
-        equalise(folder, &frames, &log_scales(&samples))?
+        let (frames, log_depth): (Vec<usize>, Vec<Vec<f32>>) = log_depth.into_iter().unzip();
+        equalise(folder, &frames, &log_scales(&log_depth))?
     };
     Progress::new(STAGE, frames.len(), frames.len()).tell(observer)?;
-    Ok(sequence.clone().with_estimated_depth(
-        folder,
-        EstimatedDepth { network: network.to_owned(), kind, drift, notes },
-        Arc::default(),
-    ))
+    let about = EstimatedDepth { network, kind, drift, notes };
+    Ok(sequence.clone().with_estimated_depth(folder, about, Arc::default()))
+}
+
+/// Findings about the depth of frames that were estimated one by one.
+#[derive(Default)]
+struct Found {
+    /// Logarithms of depth at a grid of places, of frames that have usable depth.
+    log_depth: BTreeMap<usize, Vec<f32>>,
+    /// Frames that have none, and the error of the first one.
+    unusable: BTreeSet<usize>,
+    first_error: Option<Error>,
+    /// Correlation of brightness with depth.
+    light: Correlation,
+}
+
+impl Found {
+    /// Estimates the depth of `frames` into `folder`. Fails as [`estimate_depth`] does.
+    fn of(
+        sequence: &Sequence,
+        mut estimator: Estimator<'_>,
+        frames: &[usize],
+        folder: &Path,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self> {
+        let mut found = Self::default();
+        for (done, i) in spread_first(frames).into_iter().enumerate() {
+            Progress::new(STAGE, done, frames.len()).tell(observer)?;
+            found.take(sequence, i, &mut estimator, folder)?;
+            let done = done + 1;
+            let is_useless = [TRIED, frames.len()].contains(&done) && 2 * found.unusable.len() > done;
+            if let Some(error) = found.first_error.take_if(|_| is_useless) {
+                return Err(error);
+            }
+        }
+        Ok(found)
+    }
+
+    fn take(
+        &mut self,
+        sequence: &Sequence,
+        i: usize,
+        Estimator { kind, estimate, .. }: &mut Estimator<'_>,
+        folder: &Path,
+    ) -> Result<()> {
+        let image = sequence.frame(i)?;
+        let focal = f64::from(sequence.camera(i).fx);
+        let values = estimate(&image).map_err(|e| on_frame(e, &sequence.frame_name(i)))?;
+        let depth = as_depth(&values, *kind, focal);
+        if let Err(error) = check(sequence, i, &depth) {
+            self.unusable.insert(i);
+            self.first_error.get_or_insert(error);
+            return Ok(());
+        }
+        self.log_depth.insert(i, sampled(sequence, i, &depth, &image, &mut self.light)?);
+        write(&depth_file(folder, i), &depth)
+    }
+}
+
+/// Returns frames in the order in which they are estimated: those that are tried come first.
+fn spread_first(frames: &[usize]) -> Vec<usize> {
+    let (n, some) = (frames.len(), TRIED.min(frames.len()));
+    let tried: Vec<usize> = (0..some).map(|k| frames[(2 * k + 1) * n / (2 * some)]).collect();
+    let others = frames.iter().copied().filter(|i| !tried.contains(i));
+    tried.iter().copied().chain(others).collect()
+}
+
+/// Adds the name of the frame to an error of the network.
+fn on_frame(error: Error, name: &str) -> Error {
+    match error {
+        Error::Input { what, hint, path } => {
+            Error::Input { what: format!("{what}, on frame {name}"), hint, path }
+        }
+        other => other,
+    }
 }
 
 /// Converts the network's values to z in scene units, 0 where they are unusable.

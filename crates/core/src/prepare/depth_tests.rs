@@ -130,6 +130,43 @@ fn networks_that_make_no_sense_are_named() {
 }
 
 #[test]
+fn frames_that_a_network_cannot_make_out_have_no_depth() {
+    let place = tempfile::tempdir().unwrap();
+    let sequence = write_clip(&place.path().join("clip"));
+    let folder = place.path().join("prep");
+    let number = |image: &RgbImage| image.get_pixel(0, 0)[0];
+    let mut network = |image: &RgbImage| match number(image) {
+        2 => Ok(Grid::filled(10, 8, 0.5)),
+        6 => Ok(disparity(image)?.map(|_| f32::NAN)),
+        7 => Ok(Grid { data: [&[f32::NAN], &disparity(image)?.data[1..]].concat(), ..disparity(image)? }),
+        _ => disparity(image),
+    };
+    let found = estimate(&sequence, &folder, false, &mut network).unwrap();
+    for i in 0..FRAMES {
+        assert_eq!(found.depth(i).unwrap().is_none(), [2, 6].contains(&i), "frame {i}");
+    }
+    let about = found.estimated_depth().unwrap();
+    assert_eq!(about.notes, ["No depth for frames 2, 6: the network gives nothing usable"]);
+    assert!((about.drift - 1.2 / 0.8).abs() < 0.02, "{}", about.drift);
+    let [hole, known] = [0, 20].map(|x| found.depth(7).unwrap().unwrap().at(x, 0));
+    assert!(hole == 0.0 && known > 0.0);
+    // Of most frames, nothing is the fault of the network.
+    let mut network = |image: &RgbImage| {
+        if number(image) % 5 < 3 { Ok(Grid::filled(10, 8, 0.5)) } else { disparity(image) }
+    };
+    let error = estimate(&sequence, &folder, false, &mut network).unwrap_err().to_string();
+    assert!(error.contains("all of frame f_0 the same depth"), "{error}");
+    let mut asked = 0;
+    let mut broken = |image: &RgbImage| {
+        asked += 1;
+        if number(image) == 3 { Err(Error::input("The depth network failed", "")) } else { disparity(image) }
+    };
+    let error = estimate(&sequence, &folder, false, &mut broken).unwrap_err().to_string();
+    assert!(error.contains("The depth network failed, on frame f_3"), "{error}");
+    assert!(asked < FRAMES);
+}
+
+#[test]
 fn it_stops_when_asked_to() {
     let place = tempfile::tempdir().unwrap();
     let sequence = write_clip(&place.path().join("clip"));
