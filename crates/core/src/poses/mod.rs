@@ -168,12 +168,16 @@ impl ScopePath {
         Some(pose.inverse() * *self.swaying.get(i)?)
     }
 
+    /// Returns the points that `camera` sees in frame `i`: their places in the picture, px, and their depths.
+    pub(crate) fn seen(&self, camera: &Camera, i: usize) -> impl Iterator<Item = [f32; 3]> {
+        let seen = self.points.iter().filter(move |(_, [first, last])| (*first..=*last).contains(&i));
+        seen.filter_map(|(p, _)| camera.project(*p).map(<[f32; 3]>::from))
+    }
+
     /// Returns the depth of every pixel of frame `i`, seen by `camera`: a smooth surface through the points
     /// that are seen there. `None` if there are too few.
     pub(crate) fn depth(&self, camera: &Camera, i: usize) -> Option<Grid<f32>> {
-        let seen = self.points.iter().filter(|(_, [first, last])| (*first..=*last).contains(&i));
-        let seen: Vec<[f32; 3]> =
-            seen.filter_map(|(p, _)| camera.project(*p).map(<[f32; 3]>::from)).collect();
+        let seen: Vec<[f32; 3]> = self.seen(camera, i).collect();
         (seen.len() >= NEAREST_POINTS)
             .then(|| surface::through(&seen, camera.width as usize, camera.height as usize))
     }

@@ -28,7 +28,7 @@ const MIN_USABLE: f64 = 0.5;
 /// Smallest and largest factor that the depth of a frame may span, the extremes left out.
 const SPAN: [f32; 2] = [1.001, 1e4];
 /// Number of places along each side that are compared over time.
-const SAMPLES: usize = 48;
+pub(super) const SAMPLES: usize = 48;
 /// Correlation of brightness with depth above which something is wrong: endoscopes light near surfaces more.
 const MAX_CORRELATION: f64 = 0.3;
 
@@ -45,7 +45,8 @@ pub struct Estimator<'a> {
 /// Estimates the depth of all frames (`eval` leaves out those held out) into the prepared folder
 /// `folder`. The returned sequence takes its depth from there and is the one to prepare. Disparity
 /// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
-/// fitted to one another, unless the camera moves by known poses.
+/// fitted to one another where the camera stands still, and to its path where that is estimated. Where the
+/// camera moves by known poses, and where neither explains what is seen, they are left as they are.
 ///
 /// A frame has no depth if most of its values are unusable, if they are all the same, or if they span more
 /// than any scene: it may be black, or fogged.
@@ -83,7 +84,9 @@ pub fn estimate_depth(
         1.0
     } else {
         let (frames, log_depth): (Vec<usize>, Vec<Vec<f32>>) = log_depth.into_iter().unzip();
-        equalise(folder, &frames, &log_scales(&log_depth))?
+        let scales = log_scales(sequence, &frames, &log_depth, observer)?;
+        notes.extend(scales.notes());
+        equalise(folder, &frames, &scales.logs)?
     };
     Progress::new(STAGE, frames.len(), frames.len()).tell(observer)?;
     let about = EstimatedDepth { network, kind, drift, notes };

@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     codec::{CodecKind, CodecSettings},
+    demo::DemoSettings,
     grid::Grid,
     progress::{Progress, unobserved},
     sequence::{DepthKind, MONOCULAR_BASELINE},
@@ -127,6 +128,73 @@ fn networks_that_make_no_sense_are_named() {
     assert!(report.warnings.iter().any(|w| w.contains("may be disparity")), "{:?}", report.warnings);
     let again = estimate(&about, &prep, false, &mut disparity).unwrap_err().to_string();
     assert!(again.contains("has depth already"), "{again}");
+}
+
+#[test]
+fn scales_of_two_shots_are_not_compared() {
+    const SHOT: usize = 12;
+    let place = tempfile::tempdir().unwrap();
+    let clip = place.path().join("clip");
+    fs::create_dir_all(&clip).unwrap();
+    for i in 0..2 * SHOT {
+        let grey = if i < SHOT { 40 } else { 160 };
+        let picture = RgbImage::from_fn(40, 30, |x, _| Rgb([3 * i as u8, grey + x as u8, grey]));
+        picture.save(clip.join(format!("f_{i:02}.png"))).unwrap();
+    }
+    fs::write(clip.join("sequence.toml"), "[masks]\nfield_of_view = \"whole\"\n").unwrap();
+    let sequence = Sequence::open(&clip).unwrap();
+    let scale = |i: usize| if i % 3 == 2 { 1.0 + 0.1 * (i % 5) as f32 } else { 1.0 };
+    // The second shot is farther away on one side, and nearer on the other.
+    let mut network = |image: &RgbImage| {
+        let i = usize::from(image.get_pixel(0, 0)[0]) / 3;
+        let shape = |k: usize| if i < SHOT { 1.0 } else { 0.4 + 0.2 * (k % 10) as f32 };
+        Ok(Grid::from_vec(10, 8, (0..80).map(|k| (1.0 + 0.01 * k as f32) * shape(k) / scale(i)).collect()))
+    };
+    let found = estimate(&sequence, &place.path().join("prep"), false, &mut network).unwrap();
+    let left = |i: usize| found.depth(i).unwrap().unwrap().at(0, 15);
+    for i in 0..2 * SHOT {
+        let first = if i < SHOT { 0 } else { SHOT };
+        assert!((left(i) / left(first) - 1.0).abs() < 0.01, "frame {i}: {} {}", left(i), left(first));
+    }
+    assert!((left(SHOT) / left(0) - 2.5).abs() < 0.02, "{} {}", left(SHOT), left(0));
+    assert!(found.estimated_depth().unwrap().notes.is_empty());
+}
+
+#[test]
+fn the_path_of_a_scope_that_comes_nearer_is_no_drift() {
+    let place = tempfile::tempdir().unwrap();
+    let demo = DemoSettings {
+        width: 320,
+        height: 240,
+        frames: 24,
+        moving_camera: true,
+        rigid: true,
+        ..Default::default()
+    };
+    crate::demo::write(&demo, place.path(), &mut unobserved).unwrap();
+    let truth = Sequence::open(place.path()).unwrap();
+    let images = place.path().join("images");
+    fs::write(images.join("sequence.toml"), "[camera]\nfov_x_degrees = 60\n").unwrap();
+    let sequence = Sequence::open(&images).unwrap();
+    let pictures: Vec<RgbImage> = (0..24).map(|i| sequence.frame(i).unwrap()).collect();
+    let scale = |i: usize| 1.0 + 0.1 * (i * 7 % 5) as f32;
+    let mut network = |image: &RgbImage| {
+        let i = pictures.iter().position(|picture| picture == image).unwrap();
+        Ok(truth.depth(i)?.unwrap().map(|z| z * scale(i)))
+    };
+    let estimator = Estimator { network: "00", kind: DepthKind::Depth, estimate: &mut network };
+    let prep = place.path().join("prep");
+    let found = estimate_depth(&sequence, estimator, false, &prep, &mut unobserved).unwrap();
+    let ratios = (0..24).map(|i| {
+        let (found, truth) = (found.depth(i).unwrap().unwrap(), truth.depth(i).unwrap().unwrap());
+        found.at(160, 120) / truth.at(160, 120)
+    });
+    let ratios: Vec<f32> = ratios.collect();
+    let [low, high] =
+        [ratios.iter().copied().fold(f32::MAX, f32::min), ratios.iter().copied().fold(0.0, f32::max)];
+    assert!(high / low < 1.02, "{ratios:?}");
+    let notes = &found.estimated_depth().unwrap().notes;
+    assert!(notes.iter().any(|note| note.starts_with("The scope moves in 24 of 24 frames")), "{notes:?}");
 }
 
 #[test]
