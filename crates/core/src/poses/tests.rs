@@ -5,7 +5,7 @@ use super::{
     build::Builder,
     depth_range, estimate, halvings,
     lens::{Lens, likely_zoom},
-    sharpness, triangulate_with_known_poses,
+    pose_at, sharpness, triangulate_with_known_poses,
 };
 use crate::{
     Result,
@@ -16,6 +16,8 @@ use crate::{
     sequence::Sequence,
 };
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 const FRAMES: usize = 24;
 
@@ -330,6 +332,50 @@ fn blur_makes_a_frame_less_sharp_and_glare_does_not() {
         assert!(sharpness(blurred(&sharp)) < BLURRED * usual, "{glare}");
         assert!(sharpness(sharp) > BLURRED * usual, "{glare}");
     }
+}
+
+/// Returns how far off the first and the last pose are, if they are not known, over parts of a path of
+/// positions: [as estimated, as that of the neighbours].
+fn errors_at_the_ends(position: impl Fn(usize) -> DVec3) -> [f64; 2] {
+    let pose = |i: usize| {
+        let turn = DQuat::from_scaled_axis(0.02 * position(i));
+        DAffine3::from_rotation_translation(turn, -(turn * position(i)))
+    };
+    let known: Vec<(f32, DAffine3)> = (1..63).map(|i| (i as f32 / 64.0, pose(i))).collect();
+    let mut sums = [0.0; 2];
+    // Paths of all lengths, of which one pose at each end is not known.
+    for n in 3..=known.len() {
+        let ends = [(&known[..n], n + 1, n - 1), (&known[known.len() - n..], 62 - n, 0)];
+        for (part, missing, beside) in ends {
+            let (truth, neighbour) = (pose(missing), part[beside].1);
+            for (sum, found) in sums.iter_mut().zip([pose_at(part, missing as f32 / 64.0), neighbour]) {
+                let turn = DQuat::from_mat3(&(found.matrix3 * truth.matrix3.transpose()));
+                let apart = found.inverse().translation - truth.inverse().translation;
+                *sum += apart.length_squared() + turn.to_scaled_axis().length_squared();
+            }
+        }
+    }
+    sums.map(f64::sqrt)
+}
+
+#[test]
+fn a_path_goes_on_for_a_frame_beyond_its_ends() {
+    let smooth = |i: usize| {
+        let phase = i as f64 / 10.0;
+        DVec3::new(5.0 * phase.sin(), 2.0 * (0.7 * phase).cos(), 0.1 * i as f64)
+    };
+    let [found, kept] = errors_at_the_ends(smooth);
+    assert!(found < 0.6 * kept, "{found} {kept}");
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let noise: Vec<DVec3> = (0..64).map(|_| DVec3::from_array(rng.random())).collect();
+    let [found, kept] = errors_at_the_ends(|i| noise[i]);
+    assert!(found < 1.4 * kept, "{found} {kept}");
+    // Farther away, nothing is known of it.
+    let known = [3, 4].map(|i| (i as f32, DAffine3::from_translation(smooth(i))));
+    for (time, end) in [(1.0, 0), (6.0, 1), (90.0, 1)] {
+        assert_eq!(pose_at(&known, time), known[end].1, "{time}");
+    }
+    assert_eq!(pose_at(&known[..1], 9.0), known[0].1);
 }
 
 #[test]
