@@ -205,6 +205,12 @@ fn tell_result(prepared: &Prepared, output: &Path) {
         ));
         depth.notes.iter().for_each(|note| say(note));
     }
+    if prepared.merged_frames > 0 {
+        say(&format!(
+            "merged regions of {} frames with nearly the same embeddings: a recording has at most 65,534",
+            prepared.merged_frames
+        ));
+    }
     let what = match prepared.classes.len() {
         0 => format!("{} regions", prepared.num_rows()),
         classes => format!("{classes} classes"),

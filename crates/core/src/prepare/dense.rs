@@ -8,7 +8,7 @@ use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
 /// Largest number of rows of the feature table over the whole recording.
-const MAX_ROWS: usize = NO_REGION as usize - 1;
+pub(super) const MAX_ROWS: usize = NO_REGION as usize - 1;
 /// Largest number of regions per frame: more gain nothing once they are finer than the network sees.
 const MAX_REGIONS: usize = 600;
 /// Number of rounds of clustering; later ones change almost nothing.
@@ -44,7 +44,7 @@ impl DenseMap {
 
 /// Spherical k-means: returns the cluster of each row and the clusters' unit means. Starts from rows
 /// evenly spread over the picture; the same rows give the same clusters.
-fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Array2<f32>) {
+pub(super) fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Array2<f32>) {
     let n = rows.nrows();
     if n <= num {
         return ((0..n).collect(), rows.to_owned());

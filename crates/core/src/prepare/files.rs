@@ -61,6 +61,9 @@ pub(super) struct Manifest {
     pub(super) words: WordFacts,
     /// Number of pixels of each row over all training frames.
     pub(super) row_pixels: Vec<u64>,
+    /// Number of frames with merged regions; older folders have none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(super) merged_frames: usize,
     /// Frames with a region file, ascending.
     pub(super) region_frames: Vec<usize>,
     pub(super) codec_settings: CodecSettings,
@@ -94,6 +97,7 @@ impl Manifest {
             classes: Vec::new(),
             words: WordFacts::default(),
             row_pixels: Vec::new(),
+            merged_frames: 0,
             region_frames: Vec::new(),
             codec_settings: settings.clone(),
             sha256: BTreeMap::new(),
@@ -236,6 +240,10 @@ impl Manifest {
         require_sha256(&path, &bytes, self.sha256.get(name).map_or("", String::as_str), AGAIN)?;
         from_safetensors(&bytes).map_err(|e| Error::input_at(&path, e, AGAIN))
     }
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 /// Returns `true` if `folder` is a prepared folder.

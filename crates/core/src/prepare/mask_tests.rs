@@ -210,6 +210,32 @@ fn features_that_do_not_fit_are_named() {
 }
 
 #[test]
+fn regions_beyond_the_share_of_a_frame_are_merged_with_those_like_them() {
+    let place = Place::new();
+    // Eight stripes, in pairs of nearly the same embedding; nothing of a ninth region is seen.
+    let regions = RegionMap::from_vec(32, 24, (0..32 * 24).map(|i| (i % 32 / 4) as u16).collect());
+    let row = |k: usize| vec![1.0, [0.0, 4.0, -4.0, 1.0, 9.0][k / 2], 0.02 * (k % 2) as f32];
+    let features = FrameFeatures { regions, rows: (0..9).map(row).collect() };
+    let numbered = |numbers| masks::numbered(&place.sequence, 0, features.clone(), numbers, 3).unwrap();
+    let all = numbered(100..108);
+    assert_eq!((all.pixels.len(), all.map.at(31, 5), all.is_merged), (8, 107, false));
+    let merged = numbered(100..104);
+    assert!(merged.is_merged);
+    assert_eq!(merged.pixels, [8 * 24; 4], "pairs are merged");
+    for stripe in 0..8 {
+        assert_eq!(usize::from(merged.map.at(4 * stripe + 1, 5)), 100 + stripe / 2, "{stripe}");
+    }
+    assert!(merged.table.chunks(3).all(|row| (crate::num::norm(row) - 1.0).abs() < 1e-5));
+    // However many regions frames have, all of them get some.
+    let (mut rows, mut fewest) = (0, usize::MAX);
+    for left in (1..=1500).rev() {
+        let own = masks::share(rows, left).min(if left > 700 { 83 } else { 40 });
+        (rows, fewest) = (rows + own, fewest.min(own));
+    }
+    assert!(rows < 65_535 && fewest >= 40, "{rows} {fewest}");
+}
+
+#[test]
 fn langsplat_files_are_written_and_read_back() {
     let place = Place::new();
     place.make("model", &settings(), false);

@@ -2,6 +2,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
+    dense::{MAX_ROWS, cluster},
     files::{Manifest, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
     finish::{clear_folder, finish},
 };
@@ -9,6 +10,7 @@ use crate::{
     Error, Remedy, Result,
     codec::CodecSettings,
     files::write_whole,
+    grid::Mask,
     hash::sha256,
     num,
     progress::{Observer, Progress},
@@ -17,8 +19,11 @@ use crate::{
     sequence::Sequence,
 };
 use image::RgbImage;
-use ndarray::{Array2, Ix2};
-use std::path::{Path, PathBuf};
+use ndarray::{Array2, ArrayView1, Axis, Ix2};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 /// Stage of making masks in its progress.
 const STAGE: &str = "finding masks";
@@ -36,9 +41,11 @@ pub struct FrameFeatures {
 /// held out, in order; `None` is a frame without features. `encoder` is the text encoder whose embeddings
 /// the rows are compared with.
 ///
-/// Pixels outside the supervision mask get no feature, and embeddings that no pixel shows get no row.
+/// Pixels outside the supervision mask get no feature, and embeddings that no pixel shows get no row. There
+/// are at most as many rows as 16 bits can number: each frame has its share of those that are left, and where
+/// it has more regions, those with nearly the same embeddings are merged.
 /// Fails if a frame's regions have another size or point beyond their rows, if rows are not finite or
-/// have another length than the text encoder's, and if there are more rows than 16 bits can number.
+/// have another length than the text encoder's, and if there are more frames than rows.
 /// `folder` is treated as by [`super::prepare_from_labels`].
 #[expect(clippy::too_many_arguments, reason = "each is another thing, and there is one caller a kind")]
 pub fn prepare_from_features(
@@ -51,6 +58,7 @@ pub fn prepare_from_features(
     folder: &Path,
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
+    require_few_frames(&sequence, eval)?;
     clear_folder(folder, &sequence)?;
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.origin = origin;
@@ -59,11 +67,13 @@ pub fn prepare_from_features(
     for (done, &i) in frames.iter().enumerate() {
         Progress::new("writing features", done, frames.len()).tell(observer)?;
         let Some(found) = features(i)? else { continue };
-        let (map, rows, pixels) =
-            numbered(&sequence, i, found, manifest.row_pixels.len(), manifest.encoder.dim)?;
-        table.extend(rows);
-        manifest.row_pixels.extend(pixels);
-        let sha256 = write_region_map(&folder.join(region_file(i)), map)?;
+        let first = manifest.row_pixels.len();
+        let most = share(first, frames.len() - done);
+        let found = numbered(&sequence, i, found, first..first + most, manifest.encoder.dim)?;
+        table.extend(found.table);
+        manifest.row_pixels.extend(found.pixels);
+        manifest.merged_frames += usize::from(found.is_merged);
+        let sha256 = write_region_map(&folder.join(region_file(i)), found.map)?;
         manifest.region_frames.push(i);
         manifest.sha256.insert(region_file(i), sha256);
     }
@@ -78,59 +88,104 @@ pub fn prepare_from_features(
     Prepared::open(folder)
 }
 
-/// Returns the region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and
-/// the number of pixels of each.
-fn numbered(
+/// Fails if a recording has more frames than the feature table can have rows.
+pub fn require_few_frames(sequence: &Sequence, eval: bool) -> Result<()> {
+    let n = sequence.used_frames(eval).len();
+    if n <= MAX_ROWS {
+        return Ok(());
+    }
+    let what = format!("the recording has {n} frames; regions of at most {MAX_ROWS} can be told apart");
+    Err(Error::input_at(sequence.path(), what, "Prepare a part of it (`[frames]` in sequence.toml)."))
+}
+
+/// Returns the number of rows that the next of `num_left` frames may have if others have `rows` already; at
+/// least one, unless there were more frames than rows.
+pub(super) fn share(rows: usize, num_left: usize) -> usize {
+    (MAX_ROWS - rows) / num_left
+}
+
+/// The regions of a frame as rows of the feature table.
+pub(super) struct Numbered {
+    /// Row per pixel.
+    pub(super) map: RegionMap,
+    /// The rows, flat and of unit length.
+    pub(super) table: Vec<f32>,
+    /// Number of pixels of each row.
+    pub(super) pixels: Vec<u64>,
+    /// `true` if several regions share a row.
+    pub(super) is_merged: bool,
+}
+
+/// Numbers the regions of frame `i` with `numbers`. If there are more regions, those with nearly the same
+/// embeddings are merged.
+pub(super) fn numbered(
     sequence: &Sequence,
     i: usize,
     features: FrameFeatures,
-    first: usize,
+    numbers: Range<usize>,
     dim: usize,
-) -> Result<(RegionMap, Vec<f32>, Vec<u64>)> {
-    let FrameFeatures { mut regions, rows } = features;
+) -> Result<Numbered> {
+    let FrameFeatures { regions: mut map, rows } = features;
     let wrong = |what: String, hint: &str| {
         Error::input_at(sequence.path(), format!("frame {}: {what}", sequence.frame_name(i)), hint)
     };
-    let keep = sequence.mask(i)?;
-    if (regions.width, regions.height) != (keep.width, keep.height) {
-        let what = format!(
-            "its regions are {}×{}, the picture is {}×{}",
-            regions.width, regions.height, keep.width, keep.height
-        );
-        return Err(wrong(what, "Make the regions from these very pictures."));
-    }
-    let mut pixels = vec![0_u64; rows.len()];
-    for (region, keep) in regions.data.iter_mut().zip(&keep.data) {
-        match pixels.get_mut(usize::from(*region)) {
-            _ if !keep || *region == NO_REGION => *region = NO_REGION,
-            Some(pixels) => *pixels += 1,
-            None => {
-                return Err(wrong(format!("a pixel points to embedding {region} of {}", rows.len()), ""));
-            }
-        }
-    }
-    let mut numbers = vec![NO_REGION; rows.len()];
-    let (mut table, mut counts) = (Vec::new(), Vec::new());
-    for (k, row) in rows.iter().enumerate().filter(|(k, _)| pixels[*k] > 0) {
-        let unit = num::normalised(row).filter(|row| row.len() == dim).ok_or_else(|| {
+    let region_pixels = count_pixels(&mut map, &sequence.mask(i)?, rows.len(), &wrong)?;
+    let shown: Vec<usize> = (0..rows.len()).filter(|k| region_pixels[*k] > 0).collect();
+    let mut embeddings = Array2::zeros((shown.len(), dim));
+    for (&k, mut embedding) in shown.iter().zip(embeddings.outer_iter_mut()) {
+        let unit = num::normalised(&rows[k]).filter(|row| row.len() == dim).ok_or_else(|| {
             let what = format!(
                 "embedding {k} has {} numbers or no direction; the text encoder's have {dim}",
-                row.len()
+                rows[k].len()
             );
             wrong(what, "Image and text encoder must be halves of the same model.")
         })?;
-        numbers[k] =
-            u16::try_from(first + counts.len()).ok().filter(|n| *n != NO_REGION).ok_or_else(|| {
-                let what = format!("the recording has more than {} regions", NO_REGION - 1);
-                wrong(what, "Prepare a part of it (`[frames]` in sequence.toml), or coarser masks.")
-            })?;
-        table.extend(unit);
-        counts.push(pixels[k]);
+        embedding.assign(&ArrayView1::from(&unit));
     }
-    for region in regions.data.iter_mut().filter(|region| **region != NO_REGION) {
-        *region = numbers[usize::from(*region)];
+    let (clusters, means) = cluster(embeddings.view(), numbers.len());
+    let mut pixels = vec![0; means.nrows()];
+    shown.iter().zip(&clusters).for_each(|(k, cluster)| pixels[*cluster] += region_pixels[*k]);
+    // A cluster may have lost all its regions.
+    let kept: Vec<usize> = (0..pixels.len()).filter(|cluster| pixels[*cluster] > 0).collect();
+    let mut number_of = vec![NO_REGION; rows.len()];
+    for (k, cluster) in shown.iter().zip(clusters) {
+        number_of[*k] = (numbers.start + kept.partition_point(|other| *other < cluster)) as u16;
     }
-    Ok((regions, table, counts))
+    for region in map.data.iter_mut().filter(|region| **region != NO_REGION) {
+        *region = number_of[usize::from(*region)];
+    }
+    Ok(Numbered {
+        map,
+        table: means.select(Axis(0), &kept).into_iter().collect(),
+        pixels: kept.iter().map(|cluster| pixels[*cluster]).collect(),
+        is_merged: shown.len() > numbers.len(),
+    })
+}
+
+/// Counts the pixels of each of `num` regions of a frame inside the supervision mask `keep`; those outside
+/// are taken from the map. `wrong` makes an error of what is wrong, and a hint.
+fn count_pixels(
+    map: &mut RegionMap,
+    keep: &Mask,
+    num: usize,
+    wrong: &dyn Fn(String, &str) -> Error,
+) -> Result<Vec<u64>> {
+    if (map.width, map.height) != (keep.width, keep.height) {
+        let what = format!(
+            "its regions are {}×{}, the picture is {}×{}",
+            map.width, map.height, keep.width, keep.height
+        );
+        return Err(wrong(what, "Make the regions from these very pictures."));
+    }
+    let mut pixels = vec![0_u64; num];
+    for (region, keep) in map.data.iter_mut().zip(&keep.data) {
+        match pixels.get_mut(usize::from(*region)) {
+            _ if !keep || *region == NO_REGION => *region = NO_REGION,
+            Some(pixels) => *pixels += 1,
+            None => return Err(wrong(format!("a pixel points to embedding {region} of {num}"), "")),
+        }
+    }
+    Ok(pixels)
 }
 
 /// The subfolders of a prepared folder that hold minutes of work per frame. Each file is stored with a

@@ -36,7 +36,7 @@ pub use depth::{Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use marks::{MarkedNames, prepare_from_marks};
-pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features};
+pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features, require_few_frames};
 pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 
 use crate::{
@@ -76,6 +76,8 @@ pub struct Prepared {
     pub codec: Codec,
     /// Latents of the feature table, [rows][D] flat, unit rows.
     pub latents: Vec<f32>,
+    /// Number of frames whose regions were merged, because 16 bits number those of all frames.
+    pub merged_frames: usize,
     /// The prepared folder.
     pub folder: PathBuf,
     /// Frames that have a region file, ascending.
@@ -133,6 +135,7 @@ impl Prepared {
             words: WordFacts { vectors, ..manifest.words },
             codec,
             latents,
+            merged_frames: manifest.merged_frames,
             folder: path.to_owned(),
             region_frames: manifest.region_frames,
             identity: manifest.identity,
