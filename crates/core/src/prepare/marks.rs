@@ -39,14 +39,14 @@ pub fn prepare_from_marks(
     let names = marks.names();
     let used = sequence.used_frames(eval);
     let frames: Vec<usize> = marks.frames().into_iter().filter(|f| used.binary_search(f).is_ok()).collect();
-    let mut maps = Vec::with_capacity(frames.len());
-    for (done, &frame) in frames.iter().enumerate() {
-        maps.push(region_map(&sequence, marks, frame, &names)?);
-        Progress::new("reading marks", done + 1, frames.len()).tell(observer)?;
-    }
     let mut pixels = vec![0_u64; names.len()];
-    for row in maps.iter().flat_map(|map| &map.data).filter(|row| **row != NO_REGION) {
-        pixels[usize::from(*row)] += 1;
+    for (done, &frame) in frames.iter().enumerate() {
+        // It is made again when it is written: maps of thousands of frames would fill the memory.
+        let map = region_map(&sequence, marks, frame, &names)?;
+        for row in map.data.iter().filter(|row| **row != NO_REGION) {
+            pixels[usize::from(*row)] += 1;
+        }
+        Progress::new("reading marks", done + 1, frames.len()).tell(observer)?;
     }
     let present: Vec<usize> = (0..names.len()).filter(|k| pixels[*k] > 0).collect();
     if present.is_empty() {
@@ -63,10 +63,12 @@ pub fn prepare_from_marks(
     manifest.classes = present.iter().enumerate().map(class).collect();
     manifest.row_pixels = present.iter().map(|k| pixels[*k]).collect();
     let row_of = |k: u16| present.iter().position(|p| *p == usize::from(k)).map_or(NO_REGION, |r| r as u16);
-    for (&frame, map) in frames.iter().zip(&maps) {
-        let sha256 = write_region_map(&folder.join(region_file(frame)), map.map(|k| row_of(*k)))?;
+    for (done, &frame) in frames.iter().enumerate() {
+        let map = region_map(&sequence, marks, frame, &names)?.map(|k| row_of(*k));
+        let sha256 = write_region_map(&folder.join(region_file(frame)), map)?;
         manifest.region_frames.push(frame);
         manifest.sha256.insert(region_file(frame), sha256);
+        Progress::new("writing features", done + 1, frames.len()).tell(observer)?;
     }
     let mut rows = Vec::new();
     for k in present {

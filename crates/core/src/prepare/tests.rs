@@ -3,10 +3,11 @@
 use super::*;
 use crate::{
     codec::{CodecKind, CodecSettings},
-    progress::unobserved,
+    marks::{Mark, Marks, Shape},
+    progress::{Progress, unobserved},
 };
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use std::fs;
+use std::{fs, ops::ControlFlow};
 
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 24;
@@ -115,6 +116,40 @@ fn held_out_frames_leave_no_trace() {
     for name in ["codec.safetensors", "features.safetensors", "regions/frame_000002.png"] {
         let read = |folder: &str| fs::read(place.path().join(folder).join(name)).unwrap();
         assert!(read("out/prep") == read("out/again"), "{name}");
+    }
+}
+
+#[test]
+fn marked_pixels_have_the_rows_of_their_names() {
+    let place = tempfile::tempdir().unwrap();
+    write_clip(&place.path().join("clip"));
+    let sequence = Sequence::open(&place.path().join("clip")).unwrap();
+    let shape = |x: f32| Shape::Box { corners_px: [[x, 4.0], [x + 4.0, 8.0]] };
+    let marks = [(0, "liver", 4.0), (1, "gallbladder", 4.0), (4, "grasper", 20.0), (4, "liver", 4.0)]
+        .map(|(frame, name, x)| Mark::new(frame, name, true, shape(x)));
+    let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
+    let names = marks.names();
+    let row = |k: usize| (0..DIM).map(|j| f32::from(u8::from(j == k))).collect();
+    let embeddings: Vec<Vec<f32>> = (0..names.len()).map(row).collect();
+    let named = || MarkedNames { marks: &marks, encoder: encoder(), embeddings: &embeddings };
+    let folder = place.path().join("prep");
+    let mut stages = Vec::new();
+    let mut observer = |p: &Progress<'_>| {
+        stages.push((p.stage.to_owned(), p.done));
+        ControlFlow::Continue(())
+    };
+    let prepared = prepare_from_marks(sequence, named(), true, &QUICK, &folder, &mut observer).unwrap();
+    assert_eq!(prepared.classes.len(), 2, "the gallbladder is only in frame 1");
+    let name_at = |frame: usize, x: usize| {
+        let row = prepared.regions(frame).unwrap()?.at(x, 6);
+        prepared.classes.get(usize::from(row)).map(|(class, _)| class.name.clone())
+    };
+    assert_eq!([name_at(0, 6), name_at(4, 6)], [(); 2].map(|()| Some("liver".to_owned())));
+    assert_eq!(name_at(4, 22).as_deref(), Some("grasper"));
+    assert_eq!([name_at(0, 22), name_at(1, 6), name_at(2, 6)], [const { None }; 3]);
+    // Maps are made one by one when they are written.
+    for stage in ["reading marks", "writing features"] {
+        assert_eq!(stages.iter().filter(|(name, _)| name == stage).count(), 2, "{stages:?}");
     }
 }
 
