@@ -171,18 +171,19 @@ impl OutputFolder {
         &self.target
     }
 
-    /// Copies the files in the subfolder `name` of the replaced result into the new folder.
+    /// Copies the files in the subfolder `name` of the replaced result into the new folder, but for those that
+    /// are there: an earlier run copied or made them, and a file is whole or not there at all.
     pub fn take_over(&self, name: &str) -> Result<()> {
         let (from, to) = (self.target.join(name), self.work.join(name));
-        if self.work == self.target || !from.is_dir() || to.exists() {
+        if self.work == self.target || !from.is_dir() {
             return Ok(());
         }
         let fail = |e| Error::io("take over files of the earlier result", &from, e);
         for entry in from.read_dir().map_err(fail)? {
             let path = entry.map_err(fail)?.path();
-            if path.is_file() {
+            let place = to.join(path.file_name().unwrap_or_default());
+            if path.is_file() && !place.exists() {
                 let mut source = std::fs::File::open(&path).map_err(fail)?;
-                let place = to.join(path.file_name().unwrap_or_default());
                 super::write_whole_with(&place, |file| std::io::copy(&mut source, file).map(drop))?;
             }
         }

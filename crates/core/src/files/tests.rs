@@ -242,6 +242,31 @@ fn unfinished_work_is_gone_on_with_or_begun_again() {
 }
 
 #[test]
+fn files_that_an_interrupted_run_did_not_take_over_are_taken_over_by_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("out");
+    let none = Inputs::none();
+    let claim = |replace| {
+        let claim = Claim { unfinished: Earlier::GoOn, ..Claim::new("thing", &none, replace) };
+        OutputFolder::claim(&place, claim).unwrap()
+    };
+    let first = claim(false);
+    for name in ["a", "b", "c"] {
+        write_whole(&first.path().join("masks").join(name), b"old").unwrap();
+    }
+    first.finish().unwrap();
+    // It was killed after one file, and another one was made anew.
+    let killed = claim(true);
+    write_whole(&killed.path().join("masks/a"), b"old").unwrap();
+    write_whole(&killed.path().join("masks/b"), b"new").unwrap();
+    drop(killed);
+    let next = claim(true);
+    next.take_over("masks").unwrap();
+    let read = |name: &str| std::fs::read_to_string(next.path().join("masks").join(name)).unwrap();
+    assert_eq!(["a", "b", "c"].map(read), ["old", "new", "old"]);
+}
+
+#[test]
 fn a_place_for_several_results_may_hold_empty_folders_but_no_files_of_others() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
