@@ -17,9 +17,9 @@ use surgtpgs_core::{
     marks::Marks,
     meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
-        Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames, MaskStore, Origin, Prepared,
-        estimate_depth, holds_langsplat, prepare_from_features, prepare_from_labels, prepare_from_marks,
-        read_langsplat,
+        EncoderIdentity, Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames, MaskStore, Origin,
+        Prepared, estimate_depth, holds_langsplat, prepare_from_features, prepare_from_labels,
+        prepare_from_marks, read_langsplat, require_few_frames, require_labels, require_marks,
     },
     segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
@@ -140,16 +140,16 @@ pub fn prepare(
         EncoderChoice::Folder(folder) => open_text_encoder(folder)?,
         EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
     };
-    // All models are opened before hours of work begin.
-    let features = Features::open(&options.source, &text, &sequence)?;
+    // What can fail early does so before hours of work begin.
+    let features = Features::open(options, &mut text, &sequence, observer)?;
     let sequence = match &options.depth_model {
         Some(model) => with_depth(sequence, folder, model, options.eval, observer)?,
         None => sequence,
     };
-    let preparation = Preparation { sequence, folder, options, text: &mut text };
+    let preparation = Preparation { sequence, folder, options, encoder: text.identity().clone() };
     let mut prepared = match features {
-        Features::Labels => preparation.by_labels(observer),
-        Features::Marks(marks) => preparation.by_marks(&marks, observer),
+        Features::Labels { embeddings } => preparation.by_labels(&embeddings, observer),
+        Features::Marks { marks, embeddings } => preparation.by_marks(&marks, &embeddings, observer),
         Features::Masks { model, image, settings, level } => {
             preparation.by_masks(*model, image, settings, level, observer)
         }
@@ -198,21 +198,38 @@ fn with_depth(
     estimate_depth(&sequence, estimator, eval, folder, observer)
 }
 
-/// A [`FeatureSource`] with its models opened.
+/// A [`FeatureSource`] with its models opened, and names embedded, one row each.
 enum Features<'a> {
-    Labels,
-    Marks(Marks),
+    Labels { embeddings: Vec<Vec<f32>> },
+    Marks { marks: Marks, embeddings: Vec<Vec<f32>> },
     Masks { model: Box<SegmentAnything>, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
     Dense(FeatureNetwork),
     LangSplat { folder: &'a Path, level: Level },
 }
 
 impl<'a> Features<'a> {
-    /// Opens the models. Fails if embeddings of texts and images cannot be compared.
-    fn open(source: &'a FeatureSource, text: &TextEncoder, sequence: &Sequence) -> Result<Self> {
-        Ok(match source {
-            FeatureSource::Labels => Self::Labels,
-            FeatureSource::Marks(path) => Self::Marks(Marks::read(path, &sequence.canvas())?),
+    /// Opens the models and embeds names. Fails if embeddings of texts and images cannot be compared, or if
+    /// there is nothing to take features from, or too much.
+    fn open(
+        options: &'a PrepareOptions,
+        text: &mut TextEncoder,
+        sequence: &Sequence,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self> {
+        if !matches!(options.source, FeatureSource::Labels | FeatureSource::Marks(_)) {
+            require_few_frames(sequence, options.eval)?;
+        }
+        Ok(match &options.source {
+            FeatureSource::Labels => {
+                require_labels(sequence, options.eval, observer)?;
+                Self::Labels { embeddings: embedded(text, sequence.classes().iter().map(|c| &*c.name))? }
+            }
+            FeatureSource::Marks(path) => {
+                let marks = Marks::read(path, &sequence.canvas())?;
+                require_marks(sequence, &marks, options.eval, observer)?;
+                let embeddings = embedded(text, marks.names().iter().map(String::as_str))?;
+                Self::Marks { marks, embeddings }
+            }
             FeatureSource::Masks { model, image_encoder, settings, level } => {
                 let image = ImageEncoder::open(image_encoder)?;
                 check_halves(text, image.dim(), image_encoder)?;
@@ -223,9 +240,28 @@ impl<'a> Features<'a> {
                 check_halves(text, network.dim(), folder)?;
                 Self::Dense(network)
             }
-            FeatureSource::LangSplat { folder, level } => Self::LangSplat { folder, level: *level },
+            FeatureSource::LangSplat { folder, level } => {
+                require_langsplat(folder, sequence)?;
+                Self::LangSplat { folder, level: *level }
+            }
         })
     }
+}
+
+fn embedded<'a>(text: &mut TextEncoder, names: impl Iterator<Item = &'a str>) -> Result<Vec<Vec<f32>>> {
+    text.encode_prompts(&names.collect::<Vec<_>>())
+}
+
+/// Fails if a folder holds no features for the recording.
+fn require_langsplat(folder: &Path, sequence: &Sequence) -> Result<()> {
+    if holds_langsplat(folder, sequence) {
+        return Ok(());
+    }
+    let what = format!(
+        "the folder has no features for this recording: {0}_f.npy and {0}_s.npy, or {0}_agg.npy, for example",
+        sequence.frame_name(0)
+    );
+    Err(Error::input_at(folder, what, "Name the files like the pictures of the frames."))
 }
 
 /// Opens the networks of [`FeatureSource::Masks`] and the text encoder, and returns what is wrong with each:
@@ -262,22 +298,22 @@ struct Preparation<'a> {
     sequence: Sequence,
     folder: &'a Path,
     options: &'a PrepareOptions,
-    text: &'a mut TextEncoder,
+    encoder: EncoderIdentity,
 }
 
 impl Preparation<'_> {
-    fn by_labels(self, observer: &mut Observer<'_>) -> Result<Prepared> {
-        let names: Vec<&str> = self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
-        let embeddings = self.text.encode_prompts(&names)?;
-        let identity = self.text.identity().clone();
+    fn by_labels(self, embeddings: &[Vec<f32>], observer: &mut Observer<'_>) -> Result<Prepared> {
         let (eval, codec) = (self.options.eval, &self.options.codec);
-        prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, observer)
+        prepare_from_labels(self.sequence, self.encoder, embeddings, eval, codec, self.folder, observer)
     }
 
-    fn by_marks(self, marks: &Marks, observer: &mut Observer<'_>) -> Result<Prepared> {
-        let names = marks.names();
-        let embeddings = self.text.encode_prompts(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
-        let named = MarkedNames { marks, encoder: self.text.identity().clone(), embeddings: &embeddings };
+    fn by_marks(
+        self,
+        marks: &Marks,
+        embeddings: &[Vec<f32>],
+        observer: &mut Observer<'_>,
+    ) -> Result<Prepared> {
+        let named = MarkedNames { marks, encoder: self.encoder, embeddings };
         let (eval, codec) = (self.options.eval, &self.options.codec);
         prepare_from_marks(self.sequence, named, eval, codec, self.folder, observer)
     }
@@ -316,13 +352,6 @@ impl Preparation<'_> {
 
     fn by_langsplat(self, from: &Path, level: Level, observer: &mut Observer<'_>) -> Result<Prepared> {
         let sequence = self.sequence.clone();
-        if !holds_langsplat(from, &sequence) {
-            let what = format!(
-                "the folder has no features for this recording: {0}_f.npy and {0}_s.npy, or {0}_agg.npy, for example",
-                sequence.frame_name(0)
-            );
-            return Err(Error::input_at(from, what, "Name the files like the pictures of the frames."));
-        }
         let origin = Origin::LangSplat { folder: full_path(from), level };
         let mut features = |i: usize| read_langsplat(from, &sequence, i, level);
         self.by_features(origin, &mut features, observer)
@@ -335,8 +364,53 @@ impl Preparation<'_> {
         features: &mut dyn FnMut(usize) -> Result<Option<FrameFeatures>>,
         observer: &mut Observer<'_>,
     ) -> Result<Prepared> {
-        let identity = self.text.identity().clone();
         let (eval, codec) = (self.options.eval, &self.options.codec);
-        prepare_from_features(self.sequence, identity, origin, features, eval, codec, self.folder, observer)
+        let (sequence, encoder) = (self.sequence, self.encoder);
+        prepare_from_features(sequence, encoder, origin, features, eval, codec, self.folder, observer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surgtpgs_core::{
+        demo::{self, DemoSettings},
+        progress::unobserved,
+    };
+
+    /// Returns the error of preparing a demo, after `change`, with a depth network that is not there.
+    fn error(source: FeatureSource, change: impl Fn(&Path)) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("recording");
+        let small = DemoSettings { width: 48, height: 32, frames: 8, ..DemoSettings::default() };
+        demo::write(&small, &recording, &mut unobserved).unwrap();
+        std::fs::remove_dir_all(recording.join("depth")).unwrap();
+        change(&recording);
+        let depth_model = Some(folder.path().join("depth.onnx"));
+        let options = PrepareOptions { source, depth_model, ..Default::default() };
+        let sequence = Sequence::open(&recording).unwrap();
+        prepare(sequence, &folder.path().join("prep"), &options, &mut unobserved).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn nothing_to_take_features_from_is_told_before_depth_is_estimated() {
+        let network = error(FeatureSource::Labels, |_| {});
+        assert!(network.contains("depth.onnx"), "{network}");
+        let unlabelled = error(FeatureSource::Labels, |recording| {
+            for entry in std::fs::read_dir(recording.join("labels")).unwrap().flatten() {
+                image::GrayImage::from_pixel(48, 32, image::Luma([255])).save(entry.path()).unwrap();
+            }
+        });
+        assert!(unlabelled.contains("no pixel of the training frames has a label"), "{unlabelled}");
+        let long = error(FeatureSource::Labels, |recording| {
+            let classes = recording.join("labels.json");
+            let text = std::fs::read_to_string(&classes).unwrap();
+            std::fs::write(&classes, text.replacen("liver", &"liver ".repeat(200), 1)).unwrap();
+        });
+        assert!(long.contains("tokens"), "{long}");
+        let features = tempfile::tempdir().unwrap();
+        let source = FeatureSource::LangSplat { folder: features.path().to_owned(), level: Level::Default };
+        let unnamed = error(source, |_| {});
+        assert!(unnamed.contains("the folder has no features for this recording"), "{unnamed}");
     }
 }

@@ -1,6 +1,6 @@
 //! Reads and writes the files of a prepared folder.
 
-use super::origin::{EncoderIdentity, Origin, RegionMap};
+use super::origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
@@ -254,6 +254,11 @@ pub(super) fn is_prepared(folder: &Path) -> bool {
 /// Returns the path of the region map of frame `i`, inside the folder.
 pub(super) fn region_file(i: usize) -> String {
     format!("{REGIONS}/frame_{i:06}.png")
+}
+
+/// Returns `true` if any pixel has a feature.
+pub(super) fn has_region(map: &RegionMap) -> bool {
+    map.data.iter().any(|row| *row != NO_REGION)
 }
 
 /// Writes a 16-bit grey PNG; returns its checksum.

@@ -2,7 +2,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
-    files::{Manifest, region_file, write_region_map},
+    files::{Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
 };
 use crate::{
@@ -15,6 +15,8 @@ use crate::{
 use rayon::prelude::*;
 use std::path::Path;
 
+/// Stage of reading labels in its progress.
+const STAGE: &str = "reading labels";
 /// Number of frames read at once; progress is reported in between.
 const FRAMES_AT_ONCE: usize = 8;
 
@@ -34,16 +36,10 @@ pub fn prepare_from_labels(
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
     let embeddings = checked_embeddings(&sequence, &encoder, embeddings)?;
+    require_labels(&sequence, eval, observer)?;
     let frames = sequence.used_frames(eval);
     let pixels = count_pixels(&sequence, &frames, observer)?;
     let present = present(&pixels, sequence.width() * sequence.height());
-    if present.is_empty() {
-        return Err(Error::input_at(
-            sequence.path(),
-            "no pixel of the training frames has a label inside the supervision mask",
-            Remedy::CheckRecording.after("Check the label masks and the polarity of the masks."),
-        ));
-    }
     clear_folder(folder, &sequence)?;
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.classes = present.iter().map(|&k| sequence.classes()[k].clone()).collect();
@@ -69,6 +65,21 @@ pub fn prepare_from_labels(
     let rows = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
     finish(manifest, rows, settings, folder, observer)?;
     Prepared::open(folder)
+}
+
+/// Fails if no pixel of training frames has a label inside the supervision mask. Reads frames until one has.
+pub fn require_labels(sequence: &Sequence, eval: bool, observer: &mut Observer<'_>) -> Result<()> {
+    let rows = rows_by_id(sequence, &(0..sequence.classes().len()).collect::<Vec<_>>());
+    let frames = sequence.used_frames(eval);
+    for (done, &i) in frames.iter().enumerate() {
+        if region_map(sequence, i, &rows)?.is_some_and(|map| has_region(&map)) {
+            return Ok(());
+        }
+        Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
+    }
+    let what = "no pixel of the training frames has a label inside the supervision mask";
+    let hint = Remedy::CheckRecording.after("Check the label masks and the polarity of the masks.");
+    Err(Error::input_at(sequence.path(), what, hint))
 }
 
 /// Share of one picture that the pixels of a class in all training frames must come to. Fewer are mistakes of
@@ -130,7 +141,7 @@ fn count_pixels(sequence: &Sequence, frames: &[usize], observer: &mut Observer<'
             pixels[usize::from(*row)] += 1;
         }
         let done = done * FRAMES_AT_ONCE + part.len();
-        Progress::new("reading labels", done, frames.len()).tell(observer)?;
+        Progress::new(STAGE, done, frames.len()).tell(observer)?;
     }
     Ok(pixels)
 }

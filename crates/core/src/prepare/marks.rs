@@ -3,7 +3,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
-    files::{Manifest, region_file, write_region_map},
+    files::{Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
 };
 use crate::{
@@ -15,6 +15,9 @@ use crate::{
     sequence::{Class, Sequence, class_colour},
 };
 use std::path::Path;
+
+/// Stage of reading marks in its progress.
+const STAGE: &str = "reading marks";
 
 /// Marks whose names are embedded.
 #[derive(Clone, Debug)]
@@ -36,9 +39,9 @@ pub fn prepare_from_marks(
     folder: &Path,
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
+    require_marks(&sequence, marks, eval, observer)?;
     let names = marks.names();
-    let used = sequence.used_frames(eval);
-    let frames: Vec<usize> = marks.frames().into_iter().filter(|f| used.binary_search(f).is_ok()).collect();
+    let frames = marked_frames(&sequence, marks, eval);
     let mut pixels = vec![0_u64; names.len()];
     for (done, &frame) in frames.iter().enumerate() {
         // It is made again when it is written: maps of thousands of frames would fill the memory.
@@ -46,13 +49,9 @@ pub fn prepare_from_marks(
         for row in map.data.iter().filter(|row| **row != NO_REGION) {
             pixels[usize::from(*row)] += 1;
         }
-        Progress::new("reading marks", done + 1, frames.len()).tell(observer)?;
+        Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
     }
     let present: Vec<usize> = (0..names.len()).filter(|k| pixels[*k] > 0).collect();
-    if present.is_empty() {
-        let what = "no pixel of the training frames is marked";
-        return Err(Error::input_at(sequence.path(), what, "Mark frames that are not held out."));
-    }
     clear_folder(folder, &sequence)?;
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.origin = Origin::Marks;
@@ -81,6 +80,31 @@ pub fn prepare_from_marks(
     }
     finish(manifest, rows, settings, folder, observer)?;
     Prepared::open(folder)
+}
+
+/// Fails if no pixel of training frames is marked. Reads frames until one is.
+pub fn require_marks(
+    sequence: &Sequence,
+    marks: &Marks,
+    eval: bool,
+    observer: &mut Observer<'_>,
+) -> Result<()> {
+    let names = marks.names();
+    let frames = marked_frames(sequence, marks, eval);
+    for (done, &frame) in frames.iter().enumerate() {
+        if has_region(&region_map(sequence, marks, frame, &names)?) {
+            return Ok(());
+        }
+        Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
+    }
+    let what = "no pixel of the training frames is marked";
+    Err(Error::input_at(sequence.path(), what, "Mark frames that are not held out."))
+}
+
+/// Returns the frames with marks that training may see.
+fn marked_frames(sequence: &Sequence, marks: &Marks, eval: bool) -> Vec<usize> {
+    let used = sequence.used_frames(eval);
+    marks.frames().into_iter().filter(|frame| used.binary_search(frame).is_ok()).collect()
 }
 
 /// Returns the place among `names` of what each supervised pixel is marked as; the first one of several.

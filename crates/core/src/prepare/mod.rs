@@ -33,9 +33,9 @@ mod origin;
 mod tests;
 
 pub use depth::{Estimator, estimate_depth};
-pub use labels::prepare_from_labels;
+pub use labels::{prepare_from_labels, require_labels};
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
-pub use marks::{MarkedNames, prepare_from_marks};
+pub use marks::{MarkedNames, prepare_from_marks, require_marks};
 pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features, require_few_frames};
 pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 
