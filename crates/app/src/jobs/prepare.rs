@@ -17,9 +17,10 @@ use surgtpgs_core::{
     marks::Marks,
     meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
-        EncoderIdentity, Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames, MaskStore, Origin,
-        Prepared, estimate_depth, holds_langsplat, prepare_from_features, prepare_from_labels,
-        prepare_from_marks, read_langsplat, require_few_frames, require_labels, require_marks,
+        DEPTH_ESTIMATES, EncoderIdentity, Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames,
+        MaskStore, Origin, Prepared, estimate_depth, holds_langsplat, prepare_from_features,
+        prepare_from_labels, prepare_from_marks, read_langsplat, require_few_frames, require_labels,
+        require_marks,
     },
     segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
@@ -79,7 +80,7 @@ pub enum FeatureSource {
 }
 
 /// Makes the prepared folder `path` from a recording. An earlier one is replaced if `replace` says so, except
-/// for masks that can be used again. An unfinished one is gone on with.
+/// for masks and estimates that can be used again. An unfinished one is gone on with.
 pub fn prepare_folder(
     sequence: Sequence,
     path: &Path,
@@ -92,6 +93,9 @@ pub fn prepare_folder(
     let output = OutputFolder::claim(path, Claim { unfinished: Earlier::GoOn, ..claim })?;
     if matches!(options.source, FeatureSource::Masks { .. }) {
         MASKS_AND_EMBEDDINGS.iter().try_for_each(|name| output.take_over(name))?;
+    }
+    if options.depth_model.is_some() {
+        output.take_over(DEPTH_ESTIMATES)?;
     }
     let prepared = prepare(sequence, output.path(), options, observer)?;
     let target = output.target().to_owned();

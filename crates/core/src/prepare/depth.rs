@@ -1,7 +1,11 @@
 //! Depth that a network estimates from single pictures. It is checked, brought to one scale over time,
 //! and kept in the prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
 
-use super::{drift::log_scales, finish::clear_folder};
+use super::{
+    drift::log_scales,
+    finish::clear_folder,
+    kept::{self, digest},
+};
 use crate::{
     Error, Result,
     files::write_whole_with,
@@ -19,6 +23,9 @@ use std::{
     sync::Arc,
 };
 
+/// The subfolder of a prepared folder with what the network gave for each frame. Each file is stored with a
+/// key of everything it was made from.
+pub const DEPTH_ESTIMATES: &str = "estimates";
 /// Stage of the estimation in its progress.
 const STAGE: &str = "estimating depth";
 /// Number of frames, spread over the recording, that are estimated first: they tell if the network is of use.
@@ -42,11 +49,33 @@ pub struct Estimator<'a> {
     pub estimate: &'a mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
 }
 
+impl Estimator<'_> {
+    /// Returns the depth or disparity of frame `i`, which is kept in the prepared folder `folder`.
+    fn of_frame(
+        &mut self,
+        sequence: &Sequence,
+        i: usize,
+        image: &RgbImage,
+        folder: &Path,
+    ) -> Result<Grid<f32>> {
+        let path = folder.join(DEPTH_ESTIMATES).join(format!("frame_{i:06}.safetensors"));
+        let size = format!("{}×{}", image.width(), image.height());
+        let key = digest(&[b"depth 1", self.network.as_bytes(), size.as_bytes(), image.as_raw()]);
+        if let Some(table) = kept::load(&path, &key, DEPTH_ESTIMATES)?.filter(|table| !table.is_empty()) {
+            return Ok(Grid::from_vec(table.ncols(), table.nrows(), table.iter().copied().collect()));
+        }
+        let map = (self.estimate)(image).map_err(|e| on_frame(e, &sequence.frame_name(i)))?;
+        kept::save(&path, &key, DEPTH_ESTIMATES, as_table(&map, &path)?)?;
+        Ok(map)
+    }
+}
+
 /// Estimates the depth of all frames (`eval` leaves out those held out) into the prepared folder
 /// `folder`. The returned sequence takes its depth from there and is the one to prepare. Disparity
 /// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
 /// fitted to one another where the camera stands still, and to its path where that is estimated. Where the
-/// camera moves by known poses, and where neither explains what is seen, they are left as they are.
+/// camera moves by known poses, and where neither explains what is seen, they are left as they are. What the
+/// network gave stays in the folder, and is used again for the same pictures.
 ///
 /// A frame has no depth if most of its values are unusable, if they are all the same, or if they span more
 /// than any scene: it may be black, or fogged.
@@ -131,13 +160,13 @@ impl Found {
         &mut self,
         sequence: &Sequence,
         i: usize,
-        Estimator { kind, estimate, .. }: &mut Estimator<'_>,
+        estimator: &mut Estimator<'_>,
         folder: &Path,
     ) -> Result<()> {
         let image = sequence.frame(i)?;
         let focal = f64::from(sequence.camera(i).fx);
-        let values = estimate(&image).map_err(|e| on_frame(e, &sequence.frame_name(i)))?;
-        let depth = as_depth(&values, *kind, focal);
+        let values = estimator.of_frame(sequence, i, &image, folder)?;
+        let depth = as_depth(&values, estimator.kind, focal);
         if let Err(error) = check(sequence, i, &depth) {
             self.unusable.insert(i);
             self.first_error.get_or_insert(error);
@@ -244,9 +273,14 @@ fn equalise(folder: &Path, frames: &[usize], log_scales: &[f32]) -> Result<f32> 
 }
 
 fn write(file: &Path, depth: &Grid<f32>) -> Result<()> {
-    let view = ArrayView2::from_shape((depth.height, depth.width), &depth.data)
-        .map_err(|e| Error::input_at(file, e.to_string(), ""))?;
+    let view = as_table(depth, file)?;
     write_whole_with(file, |out| view.write_npy(out).map_err(std::io::Error::other))
+}
+
+/// Returns the values of a map that is written into a file, [h, w].
+fn as_table<'a>(map: &'a Grid<f32>, file: &Path) -> Result<ArrayView2<'a, f32>> {
+    ArrayView2::from_shape((map.height, map.width), &map.data)
+        .map_err(|e| Error::input_at(file, e.to_string(), ""))
 }
 
 /// Pearson's correlation of pairs that are added one by one.

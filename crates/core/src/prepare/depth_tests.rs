@@ -9,7 +9,11 @@ use crate::{
     sequence::{DepthKind, MONOCULAR_BASELINE},
 };
 use image::{Rgb, RgbImage};
-use std::{fs, ops::ControlFlow};
+use std::{
+    fs,
+    ops::ControlFlow,
+    sync::atomic::{AtomicUsize, Ordering},
+};
 
 const FRAMES: usize = 10;
 /// Scale of each frame's estimate.
@@ -39,7 +43,10 @@ fn estimate(
     eval: bool,
     network: &mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
 ) -> Result<Sequence> {
-    let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: network };
+    // Each is another network.
+    static NUM_NETWORKS: AtomicUsize = AtomicUsize::new(0);
+    let name = NUM_NETWORKS.fetch_add(1, Ordering::Relaxed).to_string();
+    let estimator = Estimator { network: &name, kind: DepthKind::Disparity, estimate: network };
     estimate_depth(sequence, estimator, eval, folder, &mut unobserved)
 }
 
@@ -235,12 +242,29 @@ fn frames_that_a_network_cannot_make_out_have_no_depth() {
 }
 
 #[test]
-fn it_stops_when_asked_to() {
+fn it_stops_when_asked_to_and_goes_on_where_it_was() {
     let place = tempfile::tempdir().unwrap();
     let sequence = write_clip(&place.path().join("clip"));
-    let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: &mut disparity };
-    let mut stop =
-        |p: &Progress<'_>| if p.done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let stopped = estimate_depth(&sequence, estimator, false, &place.path().join("prep"), &mut stop);
-    assert!(matches!(stopped, Err(Error::Cancelled)));
+    let run = |name: &str, last: usize| {
+        let mut asked = 0;
+        let mut network = |image: &RgbImage| {
+            asked += 1;
+            Ok(disparity(image)?.map(|d| if *d > 1.8 { f32::NAN } else { *d }))
+        };
+        let estimator = Estimator { network: name, kind: DepthKind::Disparity, estimate: &mut network };
+        let mut stop = |p: &Progress<'_>| {
+            if p.done == last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let found = estimate_depth(&sequence, estimator, false, &place.path().join("prep"), &mut stop);
+        (asked, found.and_then(|found| Ok(found.depth(5)?.unwrap())))
+    };
+    let (asked, stopped) = run("00", 3);
+    assert!(asked == 3 && matches!(stopped, Err(Error::Cancelled)));
+    let (asked, found) = run("00", usize::MAX);
+    let (again, same) = run("00", usize::MAX);
+    assert_eq!((asked, again), (FRAMES - 3, 0));
+    assert_eq!(found.unwrap(), same.unwrap());
+    assert_eq!(run("01", usize::MAX).0, FRAMES, "another network");
+    RgbImage::from_pixel(40, 30, Rgb([9; 3])).save(place.path().join("clip/f_4.png")).unwrap();
+    assert_eq!(run("01", usize::MAX).0, 1, "another picture");
 }

@@ -3,23 +3,21 @@
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
     dense::{MAX_ROWS, cluster},
-    files::{Manifest, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
+    files::{Manifest, region_file, write_region_map},
     finish::{clear_folder, finish},
+    kept::{self, digest},
 };
 use crate::{
     Error, Remedy, Result,
     codec::CodecSettings,
-    files::write_whole,
     grid::Mask,
-    hash::sha256,
     num,
     progress::{Observer, Progress},
-    reading::{MOST_BYTES, read_regular},
     segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
     sequence::Sequence,
 };
 use image::RgbImage;
-use ndarray::{Array2, ArrayView1, Axis, Ix2};
+use ndarray::{Array2, ArrayView1, Axis};
 use std::{
     ops::Range,
     path::{Path, PathBuf},
@@ -190,7 +188,9 @@ fn count_pixels(
 
 /// The subfolders of a prepared folder that hold minutes of work per frame. Each file is stored with a
 /// key of everything it was made from.
-pub const MASKS_AND_EMBEDDINGS: [&str; 2] = ["masks", "embeddings"];
+pub const MASKS_AND_EMBEDDINGS: [&str; 2] = ["masks", EMBEDDINGS];
+/// Subfolder of embeddings, and name of their table in a file.
+const EMBEDDINGS: &str = "embeddings";
 
 /// Masks and embeddings of frames, made if they are not on disk already.
 pub struct MaskStore<'a> {
@@ -258,11 +258,17 @@ impl MaskStore<'_> {
         let path = self.embeddings_file(i, level);
         let key =
             digest(&[b"embeddings 1", key.as_bytes(), format!("{level:?}").as_bytes(), encoder.as_bytes()]);
-        let rows = match load_embeddings(&path, &key)? {
-            Some(rows) if rows.len() == found.len() => rows,
+        let rows = match kept::load(&path, &key, EMBEDDINGS)? {
+            Some(table) if table.nrows() == found.len() => {
+                table.outer_iter().map(|row| row.to_vec()).collect()
+            }
             _ => {
                 let rows = embed(&image, &found.iter().map(|f| &f.mask).collect::<Vec<_>>())?;
-                save_embeddings(&path, &key, &rows)?;
+                let shape = (rows.len(), rows.first().map_or(0, Vec::len));
+                let table = Array2::from_shape_vec(shape, rows.concat()).map_err(|e| {
+                    Error::input_at(&path, format!("the embeddings cannot be tabulated: {e}"), "")
+                })?;
+                kept::save(&path, &key, EMBEDDINGS, table.view())?;
                 rows
             }
         };
@@ -291,34 +297,4 @@ impl MaskStore<'_> {
         let size = format!("{}×{}", image.width(), image.height());
         Ok(digest(&[b"masks 1", self.model.as_bytes(), &settings, size.as_bytes(), image.as_raw(), &keep]))
     }
-}
-
-/// Returns one hash over several parts.
-fn digest(parts: &[&[u8]]) -> String {
-    let hashes: Vec<String> = parts.iter().map(|part| sha256(part)).collect();
-    sha256(hashes.join("\n").as_bytes())
-}
-
-fn save_embeddings(path: &Path, key: &str, rows: &[Vec<f32>]) -> Result<()> {
-    let dim = rows.first().map_or(0, Vec::len);
-    let failed = |e: String| Error::input_at(path, format!("the embeddings cannot be written: {e}"), "");
-    let table =
-        Array2::from_shape_vec((rows.len(), dim), rows.concat()).map_err(|e| failed(e.to_string()))?;
-    let tensors = [("embeddings".to_owned(), table.view().into_dyn())];
-    write_whole(path, &to_safetensors(&tensors, Some(key)).map_err(|e| failed(e.to_string()))?)
-}
-
-/// Loads the embeddings saved under `key`; `None` if there are none or the file is damaged.
-fn load_embeddings(path: &Path, key: &str) -> Result<Option<Vec<Vec<f32>>>> {
-    let bytes = match read_regular(path, MOST_BYTES) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(Error::io("read the embeddings", path, e)),
-    };
-    if key_of(&bytes).as_deref() != Some(key) {
-        return Ok(None);
-    }
-    let table = from_safetensors(&bytes).ok().and_then(|mut tensors| tensors.remove("embeddings"));
-    let table = table.and_then(|t| t.into_dimensionality::<Ix2>().ok());
-    Ok(table.map(|t| t.outer_iter().map(|row| row.to_vec()).collect()))
 }

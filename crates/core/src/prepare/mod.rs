@@ -10,10 +10,12 @@
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
 //! | `masks/frame_000000.json` | if features come from automatic masks: these, as pycocotools reads them |
 //! | `depth/frame_000000.npy` | if a network estimated depth: z in scene units, [h, w] of any size |
+//! | `estimates/frame_000000.safetensors` | `estimates` [h, w]: what the depth network gave |
 //! | `embeddings/frame_000000.safetensors` | `embeddings` [masks, dim]: one per mask of the level in use |
 //!
-//! Masks and embeddings take minutes per frame. They stay, and are used again if nothing they depend on has
-//! changed. With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
+//! Masks and embeddings take minutes per frame, estimates seconds. They stay, and are used again if nothing
+//! they depend on has changed. With `eval`, held-out frames leave no trace: no region file, no row, no share
+//! in the codec.
 
 mod dense;
 mod depth;
@@ -22,6 +24,7 @@ mod depth_tests;
 mod drift;
 mod files;
 mod finish;
+mod kept;
 mod labels;
 mod langsplat;
 mod marks;
@@ -32,7 +35,7 @@ mod origin;
 #[cfg(test)]
 mod tests;
 
-pub use depth::{Estimator, estimate_depth};
+pub use depth::{DEPTH_ESTIMATES, Estimator, estimate_depth};
 pub use labels::{prepare_from_labels, require_labels};
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use marks::{MarkedNames, prepare_from_marks, require_marks};
