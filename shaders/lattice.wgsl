@@ -10,6 +10,8 @@
 #import shared/dispatch.wgsl
 
 const BRICK_MASK: u32 = (1u << LATTICE_BRICK_LEVELS) - 1u;
+// Sigmoid of its negative is the smallest normal number, about.
+const LARGEST_LOGIT: f32 = 87.0;
 
 fn joined(at: vec3u, bits: u32) -> u32 {
     return (at.x << (2u * bits)) | (at.y << bits) | at.z;
@@ -91,7 +93,9 @@ fn look_up(
         if is_nan(margin) {
             is_open = true;
         } else {
-            scores[prompt * params.num_pixels + pixel] = sigmoid(params.temperature * margin);
+            // A score of 0 would say that nothing is seen there.
+            let logit = clamp(params.temperature * margin, -LARGEST_LOGIT, LARGEST_LOGIT);
+            scores[prompt * params.num_pixels + pixel] = sigmoid(logit);
         }
     }
     if is_open {

@@ -135,6 +135,27 @@ fn every_pass_after_the_raster_equals_its_twin() {
 }
 
 #[test]
+fn a_repeated_prompt_and_one_that_means_nothing_have_their_own_scores() {
+    let Some(mut stage) = Stage::new() else { return };
+    let [first, other] = [stage.queries[0].clone(), stage.queries[1].clone()];
+    let nothing = Query { meant: Vec::new(), ..first.clone() };
+    // The tables of earlier prompts are known already.
+    stage.show(0.4, None, None);
+    for queries in [vec![other.clone(), other.clone()], vec![first.clone(), nothing], vec![first, other]] {
+        stage.queries = queries;
+        let shown = stage.show(0.4, None, None);
+        let planes = stage.planes(0.4, None);
+        let scores = stage.lattice.score(&planes, &stage.queries, &stage.settings);
+        for (found, expected) in shown.scores.iter().zip(&scores) {
+            let tolerance = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
+            compare::close("scores", &found.data, &expected.data, tolerance).unwrap();
+            let is_seen = |scores: &Grid<f32>| scores.data.iter().map(|s| *s > 0.0).collect::<Vec<_>>();
+            assert_eq!(is_seen(found), is_seen(expected));
+        }
+    }
+}
+
+#[test]
 fn scores_keep_the_promise_against_decoding_every_pixel() {
     let Some(mut stage) = Stage::new() else { return };
     let shown = stage.show(0.4, None, None);

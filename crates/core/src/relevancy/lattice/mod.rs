@@ -117,12 +117,13 @@ impl Lattice {
 
     /// Tables of `queries` (which must fit the codec) in the state after all queries so far.
     pub fn tables(&mut self, queries: &[&Query], temperature: f32) -> LatticeTables<'_> {
-        let first = self.choose_tables(queries, temperature);
+        let first = self.choose_tables(&distinct(queries.iter().copied()), temperature);
         self.bring_up_to_date(first);
+        let table = |query: &&Query| self.tables[first..].iter().find(|t| t.is_for(query, temperature));
         LatticeTables {
             cells: self.tree.cells(),
             version: self.tree.version(),
-            polynomials: self.tables[first..].iter().map(|t| &t.polynomials[..]).collect(),
+            polynomials: queries.iter().filter_map(table).map(|t| &t.polynomials[..]).collect(),
         }
     }
 
@@ -143,8 +144,8 @@ impl Lattice {
         }
     }
 
-    /// Moves the tables of `queries` to the end of the list, in their order, and makes missing ones.
-    /// Returns the index of the first.
+    /// Moves the tables of `queries`, each another one, to the end of the list, in their order, and makes missing
+    /// ones. Returns the index of the first.
     fn choose_tables(&mut self, queries: &[&Query], temperature: f32) -> usize {
         for &query in queries {
             let known = self.tables.iter().position(|t| t.is_for(query, temperature));
@@ -213,6 +214,17 @@ impl Lattice {
     }
 }
 
+/// Returns each of some queries once, in the order in which they come first.
+fn distinct<'a>(queries: impl Iterator<Item = &'a Query>) -> Vec<&'a Query> {
+    let mut distinct: Vec<&Query> = Vec::new();
+    for query in queries {
+        if !distinct.contains(&query) {
+            distinct.push(query);
+        }
+    }
+    distinct
+}
+
 /// Writes the scores of a few points to their places.
 fn scatter(numbers: &[usize], few: &[Vec<f32>], scores: &mut [Vec<f32>]) {
     for (out, few) in scores.iter_mut().zip(few) {
@@ -232,13 +244,7 @@ impl Relevancy for Lattice {
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
         // A repeated prompt is looked up once; one that does not fit scores 0.
-        let mut asked: Vec<&Query> = Vec::new();
-        let codec = self.folded.codec();
-        for query in queries.iter().filter(|q| q.check(codec).is_ok()) {
-            if !asked.contains(&query) {
-                asked.push(query);
-            }
-        }
+        let asked = distinct(queries.iter().filter(|q| q.check(self.folded.codec()).is_ok()));
         let nothing = || vec![0.0; points.len()];
         if points.latent_dim() != 3 || asked.is_empty() {
             return queries.iter().map(|_| nothing()).collect();
