@@ -34,13 +34,14 @@ impl<T: Pod> DeviceVec<T> {
         Ok(array)
     }
 
-    /// Makes room for `len` values (at least one). The contents are lost if the buffer has to grow.
+    /// Makes room for `len` values (at least one). The contents are lost if the buffer has to grow. An array that
+    /// grows again gets half as much more, so that a slowly growing scene does not reallocate every time.
     pub(crate) fn resize(&mut self, gpu: &Gpu, len: usize) -> Result<()> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
         check_size(gpu, self.name, bytes)?;
         if bytes > self.buffer.size() {
-            // Half as much again, so that a slowly growing scene does not reallocate every time.
-            let roomy = (bytes + bytes / 2).min(max_bytes(gpu)) / 4 * 4;
+            let slack = if self.len > 1 { bytes / 2 } else { 0 };
+            let roomy = (bytes + slack).min(max_bytes(gpu)) / 4 * 4;
             self.buffer = allocate(gpu, self.name, roomy.max(bytes));
         }
         self.len = len.max(1);

@@ -18,8 +18,7 @@ use surgtpgs_core::{
 
 /// Renders scenes on a GPU; twin of [`surgtpgs_core::raster::CpuRenderer`].
 ///
-/// A scene is uploaded once. It is recognised by the addresses and lengths of its arrays and by samples
-/// of their values. After editing a few values in place, call [`GpuRenderer::forget_scene`].
+/// A scene is uploaded once, and again when it was changed.
 #[derive(Debug)]
 pub struct GpuRenderer {
     gpu: Gpu,
@@ -45,9 +44,19 @@ impl GpuRenderer {
     }
 
     /// Makes the next frame upload the scene anew.
-    pub fn forget_scene(&mut self) {
+    fn forget_scene(&mut self) {
         self.scene = None;
         self.planes.forget();
+    }
+
+    /// Makes everything on the device anew after an error: its contents are unknown, and an array that there was
+    /// no memory for can never be used.
+    fn renew(&mut self) {
+        self.forget_scene();
+        // On a device that was lost there is nothing to make.
+        if let Ok(new) = Self::new(self.gpu.clone()) {
+            *self = Self { timer: std::mem::take(&mut self.timer), ..new };
+        }
     }
 
     /// Sets the initial room to `capacity` splat-tile pairs. It grows as needed, at the cost of a
@@ -124,8 +133,7 @@ impl GpuRenderer {
             self.show_until_right(input, asked.as_mut(), wanted, clock)
         });
         if shown.is_err() {
-            // The contents of the device are unknown after an error.
-            self.forget_scene();
+            self.renew();
         }
         clock.waited(if is_asked { FramePass::Relevancy } else { FramePass::Raster });
         shown
@@ -235,8 +243,7 @@ impl Renderer for GpuRenderer {
         let gpu = self.gpu.clone();
         let result = gpu.guarded(|| self.draw(&input, clock));
         if result.is_err() {
-            // The contents of the device are unknown after an error.
-            self.forget_scene();
+            self.renew();
         }
         images.planes = result?;
         clock.waited(FramePass::Raster);

@@ -20,7 +20,7 @@ shader! {
     var<read> values_in: [u32];
     var<write> keys_out: [u32];
     var<write> values_out: [u32];
-    /// [DIGITS][num_blocks]: counts; after the scan the places of each block's pairs with that params.
+    /// [DIGITS][num_blocks]: counts; after the scan the places of each block's pairs with that digit.
     var<write> places: [u32];
 }
 

@@ -150,8 +150,10 @@ impl FrameStore {
             let min_region_px = context.loss_weights(&plan.view).min_region_px;
             let buffers = FrameBuffers::new(gpu, &truth, latent_dim, min_region_px)?;
             // All frames are equally likely to be needed next, so it does not matter which are dropped.
-            if self.bytes + buffers.bytes() > context.settings.frame_cache_bytes as u64 {
-                *self = Self::default();
+            while self.bytes + buffers.bytes() > context.settings.frame_cache_bytes as u64
+                && let Some((_, dropped)) = self.frames.pop_first()
+            {
+                self.bytes -= dropped.bytes();
             }
             self.bytes += buffers.bytes();
             self.frames.insert(key, buffers);
