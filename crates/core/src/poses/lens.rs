@@ -86,7 +86,7 @@ pub(super) fn likely_zoom(
 }
 
 /// Returns the factor from the focal length of `lens` to the one that explains the tracks best. `None` unless
-/// what is left unexplained rises all the way on both sides of it, and clearly: then the tracks do not tell.
+/// what is left unexplained rises clearly on both sides of it, and stays so: then the tracks do not tell.
 ///
 /// # Errors
 /// The observer's wish to stop.
@@ -119,14 +119,13 @@ fn cost(tracks: &[Track], lens: &Lens) -> f64 {
 }
 
 /// Returns the zoom at the bottom of a valley of costs, on a parabola through the lowest and those beside it;
-/// `None` if the costs form no valley.
+/// `None` if the costs form no valley, or one more that is about as deep.
 fn lowest(costs: &[f64]) -> Option<f64> {
     let costs = &without_peaks(costs)[..];
     let k = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]))?;
-    let falls = costs[..=k].windows(2).all(|pair| pair[0] >= pair[1]);
-    let rises = costs[k..].windows(2).all(|pair| pair[0] <= pair[1]);
     let is_deep = costs[0].min(costs[costs.len() - 1]) > LEAST_RISE * costs[k];
-    if k == 0 || k + 1 == costs.len() || !falls || !rises || !is_deep {
+    let is_lone = stays_above(costs[..=k].iter().rev()) && stays_above(costs[k..].iter());
+    if k == 0 || k + 1 == costs.len() || !is_deep || !is_lone {
         return None;
     }
     let [a, b, c] = [k - 1, k, k + 1].map(|k| ZOOMS[k].ln());
@@ -134,6 +133,17 @@ fn lowest(costs: &[f64]) -> Option<f64> {
     // Slopes are those in the middle between two zooms.
     let bottom = 0.5 * (a + b) + 0.5 * (c - a) * left / (left + right);
     bottom.is_finite().then(|| bottom.exp())
+}
+
+/// Returns `true` if costs rise from the lowest on, which comes first, or are clearly above it wherever they
+/// have fallen again.
+fn stays_above<'a>(outwards: impl Iterator<Item = &'a f64> + Clone) -> bool {
+    let Some(lowest) = outwards.clone().next() else { return true };
+    let mut has_fallen = false;
+    outwards.clone().zip(outwards.skip(1)).all(|(last, cost)| {
+        has_fallen |= cost < last;
+        !has_fallen || *cost > LEAST_RISE * lowest
+    })
 }
 
 /// Lowers costs that are above both beside them: there the search for the path ended at a worse one.
@@ -156,9 +166,9 @@ mod tests {
         assert!((lowest(&costs).unwrap() - 0.8).abs() < 0.02);
         costs[8] *= 1.5;
         assert!((lowest(&costs).unwrap() - 0.8).abs() < 0.02);
-        costs[9] *= 1.5;
-        costs[6] *= 1.3;
-        costs[7] *= 1.2;
+        costs[7] *= 1.3;
+        assert!((lowest(&costs).unwrap() - 0.8).abs() < 0.02, "two beside each other");
+        costs[9] *= 0.84;
         assert_eq!(lowest(&costs), None, "two valleys");
         assert_eq!(lowest(&valley(0.1)), None, "it only rises");
         assert_eq!(lowest(&ZOOMS.map(|zoom| 1000.0 + 50.0 * zoom.ln().powi(2))), None, "shallow");
