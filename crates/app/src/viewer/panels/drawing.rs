@@ -164,6 +164,10 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
         actions.push(Action::marking(|m| m.wants_name = true));
         return true;
     }
+    if is_touched {
+        // Keys are meant for the mark now, above all the one that undoes it.
+        response.ctx.memory_mut(|memory| memory.stop_text_input());
+    }
     let draft = marking.draft_on(frame);
     let size = [info.width, info.height];
     let at = response.interact_pointer_pos();

@@ -12,6 +12,16 @@ fn training() -> Window {
 }
 
 #[test]
+fn the_picture_stays_where_it_is_while_one_draws_on_it() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..scene() });
+    window.click("Reconstruct…");
+    window.harness.state_mut().shared.viewport.marking.is_on = true;
+    window.click("Start");
+    window.until(|app| app.info().is_some_and(|info| info.has_reconstruction));
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Original);
+}
+
+#[test]
 fn the_loss_and_its_terms_are_a_curve_while_it_learns() {
     let mut window = training();
     window.click("Details of the training");

@@ -63,10 +63,11 @@ impl Shared {
     }
 
     /// Shows an intermediate state of training: beside the recorded frame, unless the user chose another
-    /// view.
+    /// view, or draws on this one.
     fn show_preview(&mut self, source: Box<dyn FrameSource>) {
         let Some(open) = &mut self.open else { return };
-        if !open.info.has_reconstruction && self.document.mode == ViewMode::Original {
+        let is_first = !open.info.has_reconstruction && self.document.mode == ViewMode::Original;
+        if is_first && !self.viewport.marking.is_on {
             self.document.mode = ViewMode::SideBySide;
         }
         open.preview(source);
