@@ -233,7 +233,7 @@ pub fn outlines(
         let fits = (p.scores.width, p.scores.height) == (width, height);
         if fits { mask::threshold(p.scores, p.threshold) } else { Grid::filled(width, height, false) }
     };
-    let masks: Vec<Mask> = prompts.iter().map(found).collect();
+    let masks: Vec<Mask> = prompts.par_iter().map(found).collect();
     let tools = tools.map(|t| t.sampled(width, height));
     let hidden = |k: usize, x: usize, y: usize| {
         let of_tools = tools.iter().chain(masks.iter().zip(prompts).filter(|(_, p)| p.1).map(|(m, _)| m));

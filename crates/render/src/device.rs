@@ -91,15 +91,22 @@ pub struct Loss {
 }
 
 impl Gpu {
-    /// Opens the best adapter: discrete before integrated before virtual before software.
+    /// Opens the best adapter that can be opened: discrete before integrated before virtual before software.
     pub fn open(choice: AdapterChoice) -> Result<Self, Unavailable> {
         let mut adapters = all_adapters();
-        adapters.retain(|a| {
-            a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
-                && a.limits().max_compute_invocations_per_workgroup >= 256
-        });
+        adapters.retain(is_usable);
         adapters.sort_by_key(|a| rank(a.get_info().device_type));
-        let adapter = adapters.into_iter().next().ok_or(Unavailable::NoAdapter)?;
+        let mut best_problem = None;
+        for adapter in adapters {
+            match Self::open_adapter(choice, &adapter) {
+                Ok(gpu) => return Ok(gpu),
+                Err(problem) => best_problem = best_problem.or(Some(problem)),
+            }
+        }
+        Err(best_problem.unwrap_or(Unavailable::NoAdapter))
+    }
+
+    fn open_adapter(choice: AdapterChoice, adapter: &wgpu::Adapter) -> Result<Self, Unavailable> {
         let info = adapter.get_info();
         if choice == AdapterChoice::RealGpu && info.device_type == wgpu::DeviceType::Cpu {
             return Err(Unavailable::OnlySoftware(info.name));
@@ -330,6 +337,15 @@ fn name_of(info: &wgpu::AdapterInfo) -> String {
 
 fn driver_of(info: &wgpu::AdapterInfo) -> String {
     format!("{} {}", info.driver, info.driver_info).trim().to_owned()
+}
+
+/// Returns `true` if an adapter can run the passes.
+fn is_usable(adapter: &wgpu::Adapter) -> bool {
+    let (limits, least) = (adapter.limits(), wgpu::Limits::default());
+    adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
+        && limits.max_compute_invocations_per_workgroup >= least.max_compute_invocations_per_workgroup
+        && limits.max_compute_workgroup_storage_size >= least.max_compute_workgroup_storage_size
+        && limits.max_storage_buffers_per_shader_stage >= least.max_storage_buffers_per_shader_stage
 }
 
 fn rank(kind: wgpu::DeviceType) -> u8 {
