@@ -193,7 +193,7 @@ def main(program, folder):
         for part in ("pictures", "lens", "poses"):
             scene = at / f"{part}.safetensors"
             train = [program, "train", at / part, "-o", scene, "--eval", "--iterations", "1500"]
-            said = subprocess.run(train, check=True, capture_output=True, text=True).stderr
+            said = subprocess.run(train, check=True, capture_output=True, text=True).stdout
             psnr = said.split("PSNR ")[1].split(" dB")[0]
             cameras = Scene(scene).cameras
             shares = error(places, cameras)
