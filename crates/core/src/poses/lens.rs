@@ -19,9 +19,11 @@ use rayon::prelude::*;
 const DISC_DEGREES: f64 = 75.0;
 /// Factors of the focal length that are tried, in ascending order.
 const ZOOMS: [f64; 11] = [0.33, 0.41, 0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
-/// Number of frames, and of points, that they are tried with at most.
+/// Number of frames that they are tried with at most; and about how many points, or observations of points
+/// where these leave the view so soon that fewer would hold no path together.
 const FRAMES: usize = 64;
 const POINTS: usize = 500;
+const OBSERVATIONS: usize = 16_000;
 /// Fewest points that tell something.
 const FEWEST_POINTS: usize = 60;
 /// Ratio of the cost at both ends to the lowest, from which on the lowest is believed: tissue that breathes
@@ -92,7 +94,8 @@ pub(super) fn likely_zoom(
 /// The observer's wish to stop.
 fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
     let begun: Vec<Track> = tracks.iter().map(first_frames).filter(|t| t.len() >= SHORTEST_TRACK).collect();
-    let every = begun.len().div_ceil(POINTS).max(1);
+    let observations: usize = begun.iter().map(Vec::len).sum();
+    let every = begun.len().div_ceil(POINTS).min(observations.div_ceil(OBSERVATIONS)).max(1);
     let chosen: Vec<Track> = begun.into_iter().step_by(every).collect();
     if chosen.len() < FEWEST_POINTS {
         return Ok(None);
