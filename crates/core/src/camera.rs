@@ -84,6 +84,12 @@ impl Camera {
         }
     }
 
+    /// Returns the same view in pictures whose longer side has `longest` pixels at most.
+    pub fn shrunk(&self, longest: u32) -> Self {
+        let by = self.width.max(self.height).div_ceil(longest).max(1);
+        self.resized((self.width / by).max(1), (self.height / by).max(1))
+    }
+
     /// Returns the fields of view, horizontal and vertical, degrees.
     pub fn field_of_view_degrees(&self) -> [f32; 2] {
         [(self.width, self.fx), (self.height, self.fy)]

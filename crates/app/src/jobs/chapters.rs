@@ -15,7 +15,7 @@ use surgtpgs_core::{
     Error, Result,
     progress::{Observer, Progress},
     scene::{Chapter, Provenance, Scene},
-    train::{Plan, StepReport, TrainSettings, Trainer, is_checkpoint, psnr_db},
+    train::{Plan, StepReport, TrainSettings, Trainer, is_checkpoint, psnr_db, seam},
 };
 
 /// A training in chapters.
@@ -139,7 +139,7 @@ pub fn remove_chapters(scene: &Path) -> Result<()> {
 }
 
 /// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in
-/// the files.
+/// the files. Chapters whose paths were estimated come to lie in one world, that of the first of each shot.
 ///
 /// # Errors
 /// A file that is no such scene, or one of another training.
@@ -150,13 +150,19 @@ pub fn join(paths: &[PathBuf]) -> Result<Scene> {
         ordered.push((Scene::load_chapter(path)?.chapters.current().map(|chapter| chapter.index), path));
     }
     ordered.sort_unstable();
-    let mut scene: Option<Scene> = None;
+    let (mut scene, mut before): (Option<Scene>, Option<Scene>) = (None, None);
     for (_, path) in ordered {
         let part = Scene::load_chapter(path)?;
         if scene.as_ref().is_some_and(|scene| !are_of_one_training(scene, &part)) {
             let what = "this chapter is of another training than the first one";
             return Err(Error::input_at(path, what, "Join chapters of one recording and equal settings."));
         }
+        let seam = before.as_ref().and_then(|before| seam(before, &part));
+        let part = match seam {
+            Some(seam) => part.moved(&seam),
+            None => part,
+        };
+        before = Some(part.clone());
         scene = Some(Scene::joined(scene, part));
     }
     scene.ok_or_else(|| Error::input("there is no chapter to join", "Give scenes of chapters."))
@@ -493,7 +499,7 @@ mod tests {
         std::fs::remove_file(&paths[0]).unwrap();
         assert_eq!(settings_of_chapters(&scene).unwrap().unwrap().seed, 1);
         let unfinished = checkpoint_path(&paths[0]);
-        std::fs::write(&unfinished, b"SurgTPGS train 9, and so on").unwrap();
+        std::fs::write(&unfinished, b"SurgTPGS train A, and so on").unwrap();
         let theirs = ["a.chapter-0001.unfinished", "a.chapter-best.safetensors"];
         let theirs = theirs.map(|name| here.folder.path().join(name));
         std::fs::write(&theirs[0], "notes").unwrap();

@@ -32,8 +32,9 @@ const LOWER: f64 = 0.6;
 const BESIDE: f64 = 1.5;
 /// Largest number of tracks that are looked at.
 const MOST_TRACKS: usize = 4000;
-/// Share of all tracks that are long enough, which move so.
+/// Share of all tracks that are long enough, which move so; and the fewest that are long enough.
 const LEAST_SHARE: f64 = 0.2;
+const FEWEST_TRACKS: usize = 50;
 /// Largest motion that is taken out of a path whole, as a multiple of what sways unexplained in the median,
 /// root mean square: of more, the fourth power of the ratio is taken. A path that sways much farther than the
 /// tissue does so by itself.
@@ -108,7 +109,7 @@ fn period(tracks: &[Unexplained], times: &[f64]) -> Option<f64> {
     let gain_of = |period: f64| {
         let long: Vec<&Unexplained> = long(tracks, period).collect();
         let mut gains: Vec<f64> = long.par_iter().filter_map(|track| track.gain(period)).collect();
-        let is_common = gains.len() as f64 >= LEAST_SHARE * long.len() as f64;
+        let is_common = long.len() >= FEWEST_TRACKS && gains.len() as f64 >= LEAST_SHARE * long.len() as f64;
         median(&mut gains).filter(|_| is_common).unwrap_or(0.0)
     };
     let tried = (0..).map(|k| shortest * NEXT.powi(k)).take_while(|period| *period <= span / FEWEST_TRIED);
@@ -258,6 +259,18 @@ fn sway(curve: &[f64], times: &[f64], period: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_few_long_tracks_tell_no_period() {
+        let times: Vec<f64> = (0..120).map(f64::from).collect();
+        let track = |k: usize| {
+            let along = times.iter().map(|t| (TAU * t / 30.0 + k as f64).sin()).collect();
+            Unexplained { times: times.clone(), differences: [along, vec![0.0; times.len()]], px: 0.01 }
+        };
+        let found = |n: usize| period(&(0..n).map(track).collect::<Vec<_>>(), &times);
+        assert!(found(FEWEST_TRACKS).is_some_and(|period| (period - 30.0).abs() < 1.0));
+        assert_eq!(found(FEWEST_TRACKS - 1), None);
+    }
 
     #[test]
     fn slow_motion_stays_and_what_sways_goes() {

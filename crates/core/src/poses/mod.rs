@@ -51,6 +51,8 @@ const MAX_DEPTH_RATIO: f64 = 12.0;
 /// the second its depth counts for the range of depths.
 const MIN_PARALLAX_TO_TRIANGULATE: f64 = 0.01;
 const MIN_PARALLAX_FOR_DEPTH: f64 = 0.02;
+/// Longest side of the pictures that typical depths are taken from, px.
+const DEPTHS_SIDE: u32 = 160;
 /// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
 const BLURRED: f32 = 0.65;
 /// Most frames in a row that are passed over because they show nothing that those around them show.
@@ -185,6 +187,22 @@ impl ScopePath {
         let seen: Vec<[f32; 3]> = self.seen(camera, i).collect();
         (seen.len() >= NEAREST_POINTS)
             .then(|| surface::through(&seen, camera.width as usize, camera.height as usize))
+    }
+
+    /// Returns the median depth that the path shows on each of `frames`, in scene units; 0 where nothing tells.
+    /// None at all without a path. `sequence` has the path's lens.
+    pub(crate) fn typical_depths(&self, sequence: &Sequence, frames: Range<usize>) -> Vec<f32> {
+        let depth = |i: usize| {
+            let recorded = sequence.camera(i);
+            let camera_from_world = self.pose_to_tissue(i, recorded.camera_from_world);
+            let camera = Camera { camera_from_world, ..recorded }.shrunk(DEPTHS_SIDE);
+            let depth = self.depth(&camera, i)?;
+            let in_view = sequence.field_of_view().sampled(depth.width, depth.height);
+            let seen = depth.data.iter().zip(&in_view.data).filter(|(_, in_view)| **in_view);
+            median(&mut seen.map(|(z, _)| f64::from(*z)).collect::<Vec<_>>())
+        };
+        let frames = if self.poses.is_empty() { 0..0 } else { frames };
+        frames.map(|i| depth(i).unwrap_or(0.0) as f32).collect()
     }
 }
 

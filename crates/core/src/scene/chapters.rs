@@ -1,6 +1,6 @@
 //! Chapters of a long scene. Only one is in memory; the others are read when their time comes.
 
-use super::{Problem, Revised, Scene, file};
+use super::{Problem, Revised, Scene, Similarity, file};
 use crate::{
     Error, Result,
     deform::Deformation,
@@ -50,6 +50,8 @@ struct Place {
     /// Number of optimiser steps done.
     steps: usize,
     source: Source,
+    /// Way from the world of the source to that of the scene.
+    placement: Similarity,
 }
 
 /// Source of a chapter's Gaussians and motion.
@@ -151,7 +153,12 @@ impl Chapters {
     }
 
     pub(super) fn of_parts(parts: Vec<(Chapter, Part)>, steps: usize) -> Self {
-        let place = |(chapter, part)| Place { chapter, steps, source: Source::File(part) };
+        let place = |(chapter, part)| Place {
+            chapter,
+            steps,
+            source: Source::File(part),
+            placement: Similarity::IDENTITY,
+        };
         let all = parts.into_iter().map(place);
         Self { all: all.collect(), ..Self::default() }
     }
@@ -227,7 +234,8 @@ impl Scene {
     }
 
     fn with_place(&self, place: Option<usize>) -> Result<Self> {
-        let (gaussians, deformation) = match place.map(|k| &self.chapters.all[k].source) {
+        let place_in = place.map(|k| &self.chapters.all[k]);
+        let (mut gaussians, mut deformation) = match place_in.map(|place| &place.source) {
             Some(Source::Memory(both)) => (both.0.clone(), both.1.clone()),
             Some(Source::File(part)) => {
                 let part = part.scene()?;
@@ -237,6 +245,10 @@ impl Scene {
         };
         if gaussians.latent_dim != self.gaussians.latent_dim {
             return Err(Error::input("a chapter of the scene has features of another kind", HINT));
+        }
+        if let Some(by) = place_in.map(|place| place.placement).filter(|by| *by != Similarity::IDENTITY) {
+            by.move_gaussians(&mut gaussians);
+            by.move_deformation(&mut deformation);
         }
         Ok(Self {
             gaussians,
@@ -280,9 +292,23 @@ impl Scene {
         let fits = |chapter: &Chapter| !chapter.shown.is_empty() && chapter.shown.end <= n;
         if let Some(chapter) = self.own_chapter().filter(fits) {
             let source = Source::Memory(Arc::new((self.gaussians.clone(), self.deformation.clone())));
-            let place = Place { chapter, steps: self.provenance.steps, source };
+            let (steps, placement) = (self.provenance.steps, Similarity::IDENTITY);
+            let place = Place { chapter, steps, source, placement };
             self.chapters = Chapters { all: vec![place], current: Some(0), first_frame: 0 };
         }
+        self
+    }
+
+    /// Moves a scene, or a scene of one chapter, and its cameras to other axes of the world. The spherical
+    /// harmonics of its Gaussians must be of degree 1 at most, and their channels must share their basis
+    /// functions.
+    #[must_use]
+    pub fn moved(mut self, by: &Similarity) -> Self {
+        by.move_gaussians(&mut self.gaussians);
+        by.move_deformation(&mut self.deformation);
+        self.cameras.iter_mut().for_each(|camera| *camera = by.moved_camera(camera));
+        self.provenance.path_depths.iter_mut().for_each(|depth| *depth *= by.scale);
+        self.chapters.all.iter_mut().for_each(|place| place.placement = *by);
         self
     }
 
@@ -305,6 +331,8 @@ impl Scene {
             .iter()
             .fold((0, 1), |(steps, count), place| (steps + place.steps, count.max(place.chapter.count)));
         scene.provenance.steps = steps / count;
+        // They are those of one chapter.
+        scene.provenance.path_depths.clear();
         if let Some(settings) = scene.provenance.settings.as_object_mut() {
             settings.insert(CHAPTER.into(), serde_json::Value::Null);
         }

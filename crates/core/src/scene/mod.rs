@@ -10,6 +10,7 @@ mod io;
 mod ply;
 mod released;
 mod revised;
+mod similarity;
 mod spz;
 mod still;
 mod web;
@@ -18,6 +19,7 @@ pub use chapters::{Chapter, Chapters};
 pub use ply::{LANG_DEFORMATION_FILE, ReferenceWeights};
 pub use released::{RELEASED_BASES, Released};
 pub use revised::Revised;
+pub use similarity::Similarity;
 pub use web::PagePrompt;
 
 use crate::{
@@ -84,6 +86,10 @@ pub struct Provenance {
     /// Origin of the depth that the scene learned from; absent in older scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthOrigin>,
+    /// Median depth of what was seen on each frame that a chapter was learned from, scene units, where the
+    /// scope's path was estimated from the pictures; 0 where nothing tells. Empty without such a path.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub path_depths: Vec<f32>,
     /// `true` if test frames were held out of training.
     pub held_out: bool,
     /// Frame rate of the recording, if known.

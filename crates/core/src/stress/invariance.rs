@@ -3,12 +3,12 @@
 use super::{DIM, Difference, N, camera, difference, ordinary};
 use crate::{
     camera::Camera,
-    deform::{Deformation, MEAN_CHANNEL},
+    deform::Deformation,
     gaussian::Gaussians,
     raster::{DEPTH_PLANE, Images},
-    scene::Scene,
+    scene::{Scene, Similarity},
 };
-use glam::{Affine3A, Vec3};
+use glam::{Quat, Vec3};
 
 /// A scene before and after a change, and the expected second picture, given the first.
 pub struct Invariance {
@@ -45,8 +45,19 @@ pub fn invariances() -> Vec<Invariance> {
         };
         let scene = ordinary(N);
         add("another order of the Gaussians", &scene, same, Images::clone, &|scene, _| reorder(scene));
-        add("the world elsewhere", &scene, same, Images::clone, &shift);
-        add("the world enlarged", &scene, deeper, Images::clone, &enlarge);
+        let moved = |by: Similarity| {
+            move |scene: &mut Scene, view: &mut Camera| {
+                (*scene, *view) = (scene.clone().moved(&by), by.moved_camera(view));
+            }
+        };
+        let unmoved = Similarity::IDENTITY;
+        let elsewhere = moved(Similarity { shift: Vec3::new(10.0, -20.0, 30.0), ..unmoved });
+        add("the world elsewhere", &scene, same, Images::clone, &elsewhere);
+        let turned = Quat::from_scaled_axis(Vec3::new(0.5, -1.5, 1.0));
+        let turned = moved(Similarity { rotation: turned, ..unmoved });
+        add("the world turned", &sided(), same, Images::clone, &turned);
+        let enlarged = moved(Similarity { scale: ENLARGED, ..unmoved });
+        add("the world enlarged", &scene, deeper, Images::clone, &enlarged);
         add("one more Gaussian, invisible", &scene, same, Images::clone, &|scene, _| {
             append(scene, [0.0, 0.0, 3.0], -30.0);
         });
@@ -85,6 +96,14 @@ fn halved(images: &Images) -> Images {
     Images { width, height, planes: planes.collect() }
 }
 
+/// Returns an ordinary scene whose colours depend on the side that they are seen from.
+fn sided() -> Scene {
+    let mut scene = ordinary(N);
+    scene.gaussians.sh_degree = 1;
+    scene.gaussians.sh_rest = (0..9 * N).map(|i| 0.3 * (i as f32).sin()).collect();
+    scene
+}
+
 fn reorder(scene: &mut Scene) {
     // 67 and N have no common factor, so that each place is taken once.
     let order: Vec<usize> = (0..N).map(|i| i * 67 % N).collect();
@@ -102,22 +121,6 @@ fn reorder(scene: &mut Scene) {
         features: order.iter().flat_map(|&i| g.features[i * DIM..][..DIM].to_vec()).collect(),
         ..(**g).clone()
     };
-}
-
-fn shift(scene: &mut Scene, view: &mut Camera) {
-    let by = Vec3::new(10.0, -20.0, 30.0);
-    scene.gaussians.means.iter_mut().for_each(|m| *m = (Vec3::from(*m) + by).into());
-    view.camera_from_world *= Affine3A::from_translation(-by);
-}
-
-fn enlarge(scene: &mut Scene, view: &mut Camera) {
-    scene.gaussians.means.iter_mut().flatten().for_each(|v| *v *= ENLARGED);
-    scene.gaussians.log_scales.iter_mut().flatten().for_each(|s| *s += ENLARGED.ln());
-    let stride = scene.deformation.stride;
-    for row in scene.deformation.weights.chunks_mut(stride) {
-        row[MEAN_CHANNEL..MEAN_CHANNEL + 3].iter_mut().for_each(|w| *w *= ENLARGED);
-    }
-    view.camera_from_world.translation *= ENLARGED;
 }
 
 fn append(scene: &mut Scene, mean: [f32; 3], opacity_logit: f32) {

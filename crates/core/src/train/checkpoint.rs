@@ -18,7 +18,7 @@ use std::{
 
 /// First bytes of a checkpoint; the last byte is the version of the layout. The SHA-256 of the rest of
 /// the file follows.
-const MAGIC: &[u8; 16] = b"SurgTPGS train 9";
+const MAGIC: &[u8; 16] = b"SurgTPGS train A";
 const SUM_BYTES: usize = 32;
 
 /// Material that a checkpoint belongs to.

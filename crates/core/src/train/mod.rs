@@ -19,6 +19,7 @@ mod poses;
 mod quality;
 mod random;
 mod refit;
+mod seams;
 mod settings;
 mod state;
 
@@ -39,6 +40,7 @@ pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use quality::Quality;
 pub use refit::{REFIT_FRAME_BYTES, REFIT_STEPS, refit};
+pub use seams::seam;
 pub use settings::{
     DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
 };
@@ -419,6 +421,7 @@ impl Trainer {
                 sequence_path: files::full_path(self.sequence.path()),
                 identity: Some(self.identity.clone()),
                 depth: Some(self.sequence.depth_origin()),
+                path_depths: self.state.path_depths.clone(),
                 held_out: self.applied.eval && (0..self.sequence.num_frames()).any(Sequence::is_test_frame),
                 frames_per_second: self.sequence.frames_per_second(),
                 frame_seconds: self.sequence.frame_seconds().to_vec(),

@@ -41,6 +41,8 @@ pub(super) struct TrainState {
     pub times: Vec<f32>,
     /// Judgement on a camera whose path is not known.
     pub scope: Verdict,
+    /// Median depth of what is seen on each frame that may be learned from, where a path was estimated.
+    pub path_depths: Vec<f32>,
     /// Poses that were estimated, or that are learned; none if the recording's own are used.
     pub poses: LearnedPoses,
     /// Factor from the recording's focal length to the estimated one; 1 if the lens is known.
@@ -118,6 +120,7 @@ impl TrainState {
             model: Model::new(gaussians, deformation),
             rng,
             times,
+            path_depths: path.typical_depths(sequence, window),
             scope: path.verdict,
             poses,
             zoom,
