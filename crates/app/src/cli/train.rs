@@ -381,6 +381,7 @@ fn train_chapters(
     };
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
+    trained.notes.iter().for_each(|note| say(note));
     let is_finished = course.is_whole(&trained);
     place.write(output, &trained.scene, is_finished)?;
     let mut report = TrainReport::of(&trained, is_finished, backend);

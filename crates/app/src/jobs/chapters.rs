@@ -380,6 +380,7 @@ impl Trained {
 mod tests {
     use super::*;
     use crate::jobs::TRAINING;
+    use glam::Vec3;
     use std::ops::ControlFlow;
     use surgtpgs_core::{
         demo::{self, DemoSettings},
@@ -475,6 +476,34 @@ mod tests {
             alone.scene.save(&paths[paths.len() - 1]).unwrap();
         }
         assert!(here.bytes(&join(&paths).unwrap()) == bytes);
+    }
+
+    #[test]
+    fn chapters_of_a_moving_scope_lie_in_one_world() {
+        let mut here = Place::new();
+        let folder = here.folder.path().join("moving");
+        let moving = DemoSettings { moving_camera: true, rigid: true, wanders: true, ..Default::default() };
+        demo::write(&moving, &folder, &mut unobserved).unwrap();
+        let truth = Material::open(&folder).unwrap();
+        // The pictures alone.
+        let pictures = folder.join("images");
+        std::fs::write(pictures.join("sequence.toml"), "[camera]\nfov_x_degrees = 60\n").unwrap();
+        here.material = Material::open(&pictures).unwrap();
+        let scene = here.folder.path().join("a.safetensors");
+        let mut course = here.course(&scene, None);
+        course.settings.chapter_frames = 24;
+        let trained = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+        assert!(trained.notes[1].starts_with("Chapter 2 of 2: The scope moves"), "{:?}", trained.notes);
+        // The first camera is the world of both, but units differ.
+        let places = |i: usize| {
+            let found = trained.scene.cameras[i].position_in_world();
+            (found, truth.sequence().camera(i).position_in_world())
+        };
+        let places: Vec<_> = (0..48).map(places).collect();
+        let sum = |of: &dyn Fn(&(Vec3, Vec3)) -> f32| places.iter().map(of).sum::<f32>();
+        let unit = sum(&|(a, b)| a.dot(*b)) / sum(&|(a, _)| a.length_squared());
+        let left = sum(&|(a, b)| (unit * *a - *b).length_squared()) / sum(&|(_, b)| b.length_squared());
+        assert!(left.sqrt() < 0.05, "{}", left.sqrt());
     }
 
     #[test]
