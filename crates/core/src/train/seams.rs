@@ -8,11 +8,16 @@ use crate::{
     scene::{Scene, Similarity},
 };
 use glam::{Quat, Vec3};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
+
+/// Depths at which a world goes on, scene units. Errors of the unit multiply from chapter to chapter, and
+/// what is nearer than the near plane is not seen.
+const DEPTHS: RangeInclusive<f32> = 1.0..=1e4;
 
 /// Returns how the world of `after` lies in that of `before`, of which both are scenes of one chapter. `None`
-/// if they share no frames. The same if neither path was estimated, because then they share a world, or if a
-/// scene cannot be moved: see [`Scene::moved`].
+/// if they share no frames, or if the unit of `before` has become much too large or small. The same if
+/// neither path was estimated, because then they share a world, or if a scene cannot be moved: see
+/// [`Scene::moved`].
 pub fn seam(before: &Scene, after: &Scene) -> Option<Similarity> {
     let both = [before, after];
     let is_movable = |scene: &&Scene| scene.gaussians.sh_degree <= 1 && scene.deformation.is_shared();
@@ -22,9 +27,13 @@ pub fn seam(before: &Scene, after: &Scene) -> Option<Similarity> {
     }
     let shared = shared_frames(before, after)?;
     let is_measured = |scene: &&Scene| scene.provenance.depth.is_some_and(|depth| depth.is_measured());
-    // Without a path, the unit is that of a typical depth, too.
-    let scale = if both.iter().all(is_measured) { None } else { depth_ratio(before, after, shared.clone()) };
-    let scale = scale.unwrap_or(1.0);
+    // Without a path, the unit is that of a typical depth, as it is with one.
+    let mut scale = before.chapters.unit();
+    if !both.iter().all(is_measured)
+        && let Some((depth, ratio)) = depth_and_ratio(before, after, shared.clone())
+    {
+        scale = DEPTHS.contains(&depth).then_some(ratio)?;
+    }
     let poses = |i: usize| both.map(|scene| scene.cameras[i].camera_from_world);
     let turns = shared.clone().map(|i| {
         let [before, after] = poses(i);
@@ -49,13 +58,13 @@ fn shared_frames(before: &Scene, after: &Scene) -> Option<Range<usize>> {
     (!shared.is_empty()).then_some(shared)
 }
 
-/// Median ratio of the depths in `before` to those in `after`; `None` if no frame has both.
-fn depth_ratio(before: &Scene, after: &Scene, shared: Range<usize>) -> Option<f32> {
-    let ratio = |i: usize| {
-        let ratio = f64::from(depth_on(before, i)? / depth_on(after, i)?);
-        Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0)
-    };
-    median(&mut shared.filter_map(ratio).collect::<Vec<_>>()).map(|ratio| ratio as f32)
+/// Median depth in `before`, and median ratio to that in `after`; `None` if no frame has both.
+fn depth_and_ratio(before: &Scene, after: &Scene, shared: Range<usize>) -> Option<(f32, f32)> {
+    let both = |i: usize| Some((f64::from(depth_on(before, i)?), f64::from(depth_on(after, i)?)));
+    let is_known = |(a, b): &(f64, f64)| *a > 0.0 && *b > 0.0 && (a / b).is_finite();
+    let (mut depths, mut ratios): (Vec<f64>, Vec<f64>) =
+        shared.filter_map(both).filter(is_known).map(|(a, b)| (a, a / b)).unzip();
+    Some((median(&mut depths)? as f32, median(&mut ratios)? as f32))
 }
 
 /// Median depth of what is seen on a frame, scene units.
@@ -145,6 +154,10 @@ mod tests {
         };
         assert_eq!(seam(&still(before.clone()), &still(after.clone())), None, "one world already");
         assert_eq!(seam(&before, &still(after.clone())).map(|seam| seam.scale), Some(1.0));
+        let small = before.clone().moved(&Similarity { scale: 0.5, ..Similarity::IDENTITY });
+        assert_eq!(seam(&small, &still(after.clone())).map(|seam| seam.scale), Some(0.5));
+        let tiny = before.clone().moved(&Similarity { scale: 1e-3, ..Similarity::IDENTITY });
+        assert_eq!(seam(&tiny, &after), None, "near the near plane");
         let mut own = after;
         own.deformation = crate::deform::Deformation::clone(&own.deformation).with_own_bases().into();
         assert_eq!(seam(&before, &own), None, "cannot be turned");
