@@ -7,6 +7,7 @@
 mod adjust;
 mod breath;
 mod build;
+mod judge;
 mod lens;
 mod measured;
 mod surface;
@@ -24,10 +25,11 @@ use crate::{
     progress::{Observer, Progress},
     sequence::{CameraSource, Sequence},
 };
-use adjust::{Landmark, Observation, RobustResidual};
+use adjust::Landmark;
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
+use judge::{MIN_INLIER_GAIN, is_explained, moving_share, still_share, verdict};
 use lens::{Lens, likely_zoom};
 use std::ops::Range;
 use tracks::{Follower, Track, View};
@@ -43,10 +45,6 @@ const NEAREST_POINTS: usize = 12;
 const INLIER_PX: f64 = 1.5;
 /// Smallest share of inliers among the observations with which a path is believed.
 const MIN_INLIER_RATIO: f64 = 0.45;
-/// Smallest difference between the shares of inliers of a path and of a camera that stands still.
-const MIN_INLIER_GAIN: f64 = 0.2;
-/// Largest ratio of a far to a near depth of a surface.
-const MAX_DEPTH_RATIO: f64 = 12.0;
 /// Angle between two views of a point, its parallax, radians: above the first it is triangulated, and above
 /// the second its depth counts for the range of depths.
 const MIN_PARALLAX_TO_TRIANGULATE: f64 = 0.01;
@@ -265,9 +263,9 @@ pub fn estimate(
     };
     let Followed { tracks, lens, used, .. } = followed;
     let known = (used.len() < num_used).then(|| [used[0], used[used.len() - 1]]);
-    path.still_share = self::still_share(&tracks);
+    path.still_share = judge::still_share(&tracks);
     path.moving_share = moving_share(&builder, &lens);
-    path.verdict = verdict(&path, &builder, &lens);
+    path.verdict = verdict(&path, &tracks, &builder, &lens);
     if !matches!(path.verdict, Verdict::Moves { .. }) {
         return Ok(path);
     }
@@ -464,71 +462,6 @@ fn slopes(view: &View) -> f32 {
     (sum / count.max(1) as f64) as f32
 }
 
-/// Share of all observations that lie near the median position of their point in the picture.
-fn still_share(tracks: &[Track]) -> f64 {
-    let (mut near, mut all) = (0, 0);
-    for track in tracks {
-        let middle: [f64; 2] = std::array::from_fn(|k| {
-            median(&mut track.iter().map(|(_, at)| f64::from(at[k])).collect::<Vec<_>>()).unwrap_or(0.0)
-        });
-        let is_near =
-            |at: &[f32; 2]| (f64::from(at[0]) - middle[0]).hypot(f64::from(at[1]) - middle[1]) <= INLIER_PX;
-        near += track.iter().filter(|(_, at)| is_near(at)).count();
-        all += track.len();
-    }
-    if all == 0 { 1.0 } else { f64::from(near as u32) / all as f64 }
-}
-
-/// Share of all observations that the path explains.
-fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
-    let residual = RobustResidual { focal_px: lens.focal_px(), cauchy_px: 1.0 };
-    let (mut near, mut all) = (0, 0);
-    for mark in &builder.landmarks {
-        near += mark.position.map_or(0, |position| {
-            let seen = mark.observations.iter();
-            seen.filter(|s| {
-                let there = builder.poses[s.frame].transform_point3(position);
-                residual.in_picture(s, there).length() <= INLIER_PX
-            })
-            .count()
-        });
-        all += mark.observations.len();
-    }
-    near as f64 / all.max(1) as f64
-}
-
-/// Judges a finished path. One that explains much, but by depths that no surface inside of a body has,
-/// follows tissue that moves by itself.
-fn verdict(path: &ScopePath, builder: &Builder, lens: &Lens) -> Verdict {
-    let gain = path.moving_share - path.still_share;
-    let is_surface = depth_range(builder, lens) <= MAX_DEPTH_RATIO;
-    match (gain >= MIN_INLIER_GAIN, path.moving_share >= MIN_INLIER_RATIO && is_surface) {
-        (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
-        (true, false) => Verdict::Unclear,
-        (false, _) => Verdict::Still,
-    }
-}
-
-/// Ratio of a far to a near depth, of points where they were seen first: the 98th percentile to the 2nd. Only
-/// points whose depth is told count: bland tissue has tracks that lead anywhere.
-fn depth_range(builder: &Builder, lens: &Lens) -> f64 {
-    let depth = |mark: &Landmark| {
-        let position = mark.position.filter(|_| is_explained(mark, builder, lens))?;
-        let towards =
-            |observation: &Observation| builder.poses[observation.frame].inverse().translation - position;
-        let first = mark.observations.first()?;
-        let is_told = mark
-            .observations
-            .iter()
-            .any(|s| towards(s).angle_between(towards(first)) > MIN_PARALLAX_FOR_DEPTH);
-        is_told.then(|| builder.poses[first.frame].transform_point3(position).z)
-    };
-    let mut depths: Vec<f64> = builder.landmarks.iter().filter_map(depth).collect();
-    depths.sort_by(f64::total_cmp);
-    let at = |share: f64| depths.get((share * depths.len() as f64) as usize).copied().unwrap_or(1.0);
-    at(0.98) / at(0.02).max(1e-6)
-}
-
 /// Median depth of all observations.
 fn median_depth(builder: &Builder) -> f64 {
     let marks = builder.landmarks.iter().filter_map(|mark| Some((mark.position?, mark)));
@@ -536,15 +469,6 @@ fn median_depth(builder: &Builder) -> f64 {
         mark.observations.iter().map(move |s| builder.poses[s.frame].transform_point3(position).z)
     });
     median(&mut depths.collect::<Vec<_>>()).filter(|z| *z > 0.0).unwrap_or(1.0)
-}
-
-/// Returns `true` if the path explains a point in most of its frames.
-fn is_explained(mark: &Landmark, builder: &Builder, lens: &Lens) -> bool {
-    let Some(position) = mark.position else { return false };
-    let residual = RobustResidual { focal_px: lens.focal_px(), cauchy_px: 1.0 };
-    let difference =
-        |s: &Observation| residual.in_picture(s, builder.poses[s.frame].transform_point3(position)).length();
-    median(&mut mark.observations.iter().map(difference).collect::<Vec<_>>()).is_some_and(|d| d <= INLIER_PX)
 }
 
 /// Points that the path explains.

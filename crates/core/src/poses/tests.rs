@@ -3,7 +3,8 @@
 use super::{
     BLURRED, ScopePath, Timeline, Verdict, View, adjust,
     build::Builder,
-    depth_range, estimate, halvings,
+    estimate, halvings,
+    judge::depth_range,
     lens::{Lens, likely_zoom},
     pose_at, sharpness, triangulate_with_known_poses,
 };
