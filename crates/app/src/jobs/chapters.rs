@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     progress::{Observer, Progress},
-    scene::{Chapter, Provenance, Scene},
+    scene::{Chapter, Provenance, Scene, Similarity},
     train::{Plan, StepReport, TrainSettings, Trainer, is_checkpoint, psnr_db, seam},
 };
 
@@ -158,7 +158,7 @@ pub fn join(paths: &[PathBuf]) -> Result<Scene> {
             return Err(Error::input_at(path, what, "Join chapters of one recording and equal settings."));
         }
         let seam = before.as_ref().and_then(|before| seam(before, &part));
-        let part = match seam {
+        let part = match seam.filter(|seam| *seam != Similarity::IDENTITY) {
             Some(seam) => part.moved(&seam),
             None => part,
         };

@@ -117,9 +117,9 @@ impl Chapters {
         self.current.map(|k| &self.all[k].chapter)
     }
 
-    /// Returns the length, in the scene's unit, of what has length 1 in the chapter's own; see [`Scene::moved`].
-    pub fn unit(&self) -> f32 {
-        self.current.map_or(1.0, |k| self.all[k].placement.scale)
+    /// Returns how the chapter whose Gaussians the scene holds was moved; see [`Scene::moved`].
+    pub fn placement(&self) -> Similarity {
+        self.current.map_or(Similarity::IDENTITY, |k| self.all[k].placement)
     }
 
     /// Returns the recorded frame that is the scene's first: 0, but of [`Scene::chapter_alone`].

@@ -15,28 +15,27 @@ use std::ops::{Range, RangeInclusive};
 const DEPTHS: RangeInclusive<f32> = 1.0..=1e4;
 
 /// Returns how the world of `after` lies in that of `before`, of which both are scenes of one chapter. `None`
-/// if they share no frames, or if the unit of `before` has become much too large or small. The same if
-/// neither path was estimated, because then they share a world, or if a scene cannot be moved: see
-/// [`Scene::moved`].
+/// if they share no frames, or if the unit of `before` has become much too large or small. The same if a
+/// scene cannot be moved: see [`Scene::moved`]. If neither path was estimated, both have one world already,
+/// and `after` goes where `before` was moved to.
 pub fn seam(before: &Scene, after: &Scene) -> Option<Similarity> {
     let both = [before, after];
     let is_movable = |scene: &&Scene| scene.gaussians.sh_degree <= 1 && scene.deformation.is_shared();
     let is_estimated = |scene: &&Scene| !scene.provenance.path_depths.is_empty();
-    if !both.iter().any(is_estimated) || !both.iter().all(is_movable) {
-        return None;
+    let shared = shared_frames(before, after).filter(|_| both.iter().all(is_movable))?;
+    if !both.iter().any(is_estimated) {
+        return Some(before.chapters.placement());
     }
-    let shared = shared_frames(before, after)?;
     let is_measured = |scene: &&Scene| scene.provenance.depth.is_some_and(|depth| depth.is_measured());
     // Without a path, the unit is that of a typical depth, as it is with one.
-    let mut scale = before.chapters.unit();
+    let mut scale = before.chapters.placement().scale;
     if !both.iter().all(is_measured)
         && let Some((depth, ratio)) = depth_and_ratio(before, after, shared.clone())
     {
         scale = DEPTHS.contains(&depth).then_some(ratio)?;
     }
-    let poses = |i: usize| both.map(|scene| scene.cameras[i].camera_from_world);
     let turns = shared.clone().map(|i| {
-        let [before, after] = poses(i);
+        let [before, after] = both.map(|scene| scene.cameras[i].camera_from_world);
         Quat::from_mat3a(&(before.matrix3.transpose() * after.matrix3)).normalize()
     });
     let rotation = middle(&turns.collect::<Vec<_>>())?;
@@ -152,7 +151,11 @@ mod tests {
             scene.provenance.path_depths.clear();
             scene
         };
-        assert_eq!(seam(&still(before.clone()), &still(after.clone())), None, "one world already");
+        let standing = still(before.clone());
+        assert_eq!(seam(&standing, &still(after.clone())), Some(Similarity::IDENTITY), "one world already");
+        let elsewhere = elsewhere();
+        let there = seam(&standing.moved(&elsewhere), &still(after.clone()));
+        assert_eq!(there, Some(elsewhere), "with the one before it");
         assert_eq!(seam(&before, &still(after.clone())).map(|seam| seam.scale), Some(1.0));
         let small = before.clone().moved(&Similarity { scale: 0.5, ..Similarity::IDENTITY });
         assert_eq!(seam(&small, &still(after.clone())).map(|seam| seam.scale), Some(0.5));
