@@ -188,14 +188,27 @@ impl Engine {
 
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
-        if let Some(camera) = scene.cameras.first() {
-            require_for(&Work::Pictures(camera.width, camera.height))?;
-        }
-        let machine = Machine::open(options.backend)?;
         let recording = match &options.sequence {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
         };
+        Self::with(scene, recording, options)
+    }
+
+    /// Wraps a scene whose recording is open already.
+    pub(crate) fn of_recording(
+        scene: Arc<Scene>,
+        sequence: Sequence,
+        options: EngineOptions,
+    ) -> Result<Self> {
+        Self::with(scene, Recording::Found(sequence), options)
+    }
+
+    fn with(scene: Arc<Scene>, recording: Recording, options: EngineOptions) -> Result<Self> {
+        if let Some(camera) = scene.cameras.first() {
+            require_for(&Work::Pictures(camera.width, camera.height))?;
+        }
+        let machine = Machine::open(options.backend)?;
         let settings = settings_of(&scene);
         Ok(Self {
             relevancy: open_relevancy(&scene),
@@ -221,19 +234,6 @@ impl Engine {
     /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
-    }
-
-    /// Shows another state of the scene, e.g. while it is being trained; the prompts stay. Both must come
-    /// from the same preparation, because the embeddings of the prompts are kept.
-    pub fn replace_scene(&mut self, scene: Arc<Scene>) {
-        self.relevancy = open_relevancy(&scene);
-        self.last = None;
-        self.outside = Outside::default();
-        // Marks belong to the Gaussians that they were carried to.
-        self.carried_marks = None;
-        self.chapter_marks = None;
-        self.turned_from = None;
-        self.scene = scene;
     }
 
     /// Returns the recording, if it was found.

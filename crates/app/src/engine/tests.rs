@@ -158,14 +158,16 @@ fn what_is_still_does_not_move_and_what_is_seen_is_opaque() {
         let mut moving = Scene::clone(engine.scene());
         moving.cameras = vec![view.camera; 9];
         moving.deformation.weights.iter_mut().for_each(|w| *w *= 4.0);
-        engine.replace_scene(Arc::new(moving));
-        let motion = engine.motion(&view).unwrap();
+        let options = EngineOptions { backend: engine.backend, ..Default::default() };
+        let motion_of = |scene: Scene| {
+            Engine::new(Arc::new(scene), None, options.clone()).unwrap().motion(&view).unwrap()
+        };
+        let motion = motion_of(moving);
         assert_eq!(motion.num_gaussians, 300);
         assert!(motion.num_moving > 0 && motion.travel_px.data.iter().any(|px| *px > 0.0));
         let mut still = Scene::clone(engine.scene());
         still.deformation.weights.fill(0.0);
-        engine.replace_scene(Arc::new(still));
-        let motion = engine.motion(&view).unwrap();
+        let motion = motion_of(still);
         assert!(motion.num_moving == 0 && motion.travel_px.data.iter().all(|px| !(*px > 0.0)));
     }
 }

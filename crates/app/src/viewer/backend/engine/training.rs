@@ -58,7 +58,9 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         let is_due = |every| report.step > FIRST_PREVIEW && last_shown.elapsed() >= every;
         if report.step == FIRST_PREVIEW || task.preview_every().is_some_and(is_due) {
             last_shown = Instant::now();
-            if let Ok(source) = watched.scene().and_then(|scene| preview(scene, &request.recording)) {
+            let made =
+                watched.scene().and_then(|scene| preview(scene, material.sequence(), &request.recording));
+            if let Ok(source) = made {
                 task.update(TrainNews::Preview(Box::new(source)));
             }
         }
@@ -131,10 +133,10 @@ pub(super) fn text_encoder(models: &Models) -> EncoderChoice {
     if is_chosen { EncoderChoice::Folder(models.texts.clone()) } else { EncoderChoice::Builtin }
 }
 
-/// Makes a source that shows a scene during its training.
-fn preview(scene: Scene, recording: &Path) -> Result<SceneSource> {
-    let engine = Engine::new(Arc::new(scene), None, EngineOptions::default())?;
-    Ok(SceneSource::new(engine, recording.to_owned(), Some(recording.to_owned())))
+/// Makes a source that shows a scene during its training on the sequence of the recording at `path`.
+fn preview(scene: Scene, sequence: &Sequence, path: &Path) -> Result<SceneSource> {
+    let engine = Engine::of_recording(Arc::new(scene), sequence.clone(), EngineOptions::default())?;
+    Ok(SceneSource::new(engine, path.to_owned(), Some(path.to_owned())))
 }
 
 /// Time between two attempts to save the trained scene.
