@@ -76,11 +76,10 @@ impl EncoderSettings {
 }
 
 /// Hint for a wrong template.
-pub(crate) const TEMPLATE_HINT: &str =
-    "Write {} once where the words belong, as in \"A photo of a {} in the scene\".";
+const TEMPLATE_HINT: &str = "Write {} once where the words belong, as in \"A photo of a {} in the scene\".";
 
 /// Checks that a template holds `{}` exactly once.
-pub(crate) fn check_template(template: &str) -> Result<(), String> {
+fn check_template(template: &str) -> Result<(), String> {
     match template.matches("{}").count() {
         1 => Ok(()),
         n => Err(format!("The prompt template \"{template}\" contains {{}} {n} times")),

@@ -7,7 +7,7 @@ use crate::{
     model_file::{hex, read, read_beside},
     model_source::ModelSource,
     session::Model,
-    settings::{DEFAULT_TEMPLATE, EncoderSettings, TEMPLATE_HINT, check_template, read_settings},
+    settings::{DEFAULT_TEMPLATE, EncoderSettings, read_settings},
     tokenizer::PromptTokenizer,
 };
 use sha2::{Digest, Sha256};
@@ -122,13 +122,6 @@ impl TextEncoder {
     /// Longest prompt in tokens, template and start and end tokens included.
     pub fn context_length(&self) -> usize {
         self.model.context()
-    }
-
-    /// Replaces the prompt template; `{}` in it stands for the words.
-    pub fn set_template(&mut self, template: &str) -> Result<()> {
-        check_template(template).map_err(|what| Error::input(what, TEMPLATE_HINT))?;
-        self.identity.template = template.to_owned();
-        Ok(())
     }
 
     /// Unit embeddings of prompts, each put into the template first. Leading, trailing and doubled spaces

@@ -151,13 +151,14 @@ fn templates_go_around_prompts_only() {
     let templated = encoder.encode_prompts(&["  liver "]).unwrap();
     assert_eq!(templated, encoder.encode_bare(&["A photo of  a liver in the scene"]).unwrap());
     assert_ne!(templated, encoder.encode_bare(&["liver"]).unwrap());
-    encoder.set_template("a {}").unwrap();
-    assert_eq!(encoder.encode_prompts(&["liver"]).unwrap(), encoder.encode_bare(&["a liver"]).unwrap());
-    assert_error(encoder.set_template("a").map_err(|e| e.to_string()), &["{} 0 times"]);
     assert_error(encoder.encode_prompts(&[" \n "]).map_err(|e| e.to_string()), &["The prompt is empty"]);
 
     let mut own = open(clip_graph(10, 16), Some("template = \"photo of {}\"")).unwrap();
     assert_eq!(own.encode_prompts(&["liver"]).unwrap(), own.encode_bare(&["photo of liver"]).unwrap());
+    assert_error(
+        open(clip_graph(10, 16), Some("template = \"a\"")).map(drop).map_err(|e| e.to_string()),
+        &["{} 0 times"],
+    );
 }
 
 #[test]

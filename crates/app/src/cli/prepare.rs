@@ -122,6 +122,10 @@ impl Run for PrepareArgs {
         if Prepared::is_unfinished(&self.output) {
             say("going on with an unfinished preparation");
         }
+        if self.runs_models() {
+            say(&format!("models run on {}", surgtpgs_clip::backend_name()));
+            surgtpgs_clip::backend_notes().iter().for_each(|note| say(note));
+        }
         console::watch_interrupts();
         let options = self.options();
         let mut view = ProgressView::default();
@@ -173,6 +177,10 @@ impl PrepareArgs {
             depth_model: self.depth_model.clone(),
             labels_from: self.labels_from.clone(),
         }
+    }
+
+    fn runs_models(&self) -> bool {
+        [&self.masks_model, &self.dense_encoder, &self.depth_model].into_iter().any(Option::is_some)
     }
 
     /// Returns the source of features; the command line allows no other combination.

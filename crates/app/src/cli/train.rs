@@ -211,7 +211,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         jobs::remove_file(&checkpoint)?;
         jobs::remove_chapters(output.path())?;
     } else {
-        let then = if place.has_unfinished() { ", and --resume goes on from here" } else { "" };
+        let then = if place.has_unfinished() { ", and --resume goes on from what is kept" } else { "" };
         let scene = if place.has_whole() { "the earlier scene stays" } else { "the scene is saved" };
         say(&format!("stopped after {} steps; {scene}{then}", report.steps));
     }
@@ -247,7 +247,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// Returns `true` if there is something to go on from.
     fn has_unfinished(&self) -> bool {
-        self.checkpoint.exists() || !jobs::chapters_beside(self.scene).is_empty()
+        self.checkpoint.is_file() || !jobs::chapters_beside(self.scene).is_empty()
     }
 
     /// Returns `true` if there is a scene that was trained to the end.
@@ -260,7 +260,7 @@ impl Place<'_> {
         if !is_finished && self.has_whole() {
             return Ok(());
         }
-        output.write_with(|file| scene.write(file, false))
+        output.write_with(|file| scene.write(file, false)).inspect_err(|_| self.say_kept())
     }
 
     /// Says that work is kept, after an error.
@@ -341,10 +341,11 @@ fn train_whole(
     let trained = jobs::go_on(&mut trainer, Some(place.checkpoint), &mut |p| view.show(p), &mut |_, _| {});
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
+    trained.notes.iter().for_each(|note| say(note));
     let is_finished = trained.steps >= asked;
     place.write(output, &trained.scene, is_finished)?;
     let mut report = TrainReport::of(&trained, is_finished, trainer.backend_name());
-    report.warnings.extend(scope);
+    report.warnings.extend(scope.into_iter().chain(trained.notes));
     Ok(report)
 }
 

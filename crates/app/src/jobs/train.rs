@@ -29,7 +29,7 @@ pub struct Trained {
     pub psnr_db: Option<f64>,
     /// Number of steps dropped because their loss or gradient was not finite.
     pub dropped: usize,
-    /// Notes on the scope, of each chapter.
+    /// Notes on the scope of each chapter, and on work that could not be kept.
     pub notes: Vec<String>,
 }
 
@@ -71,7 +71,7 @@ const CHECKPOINT_SECONDS: f64 = 120.0;
 
 /// Goes on with a training until all steps are done or the observer asks to stop. With a
 /// `checkpoint`, the work done is written there now and then, when stopped, and when something
-/// fails. A checkpoint that cannot be written is logged.
+/// fails. If the last attempt could not be written, [`Trained::notes`] say so.
 pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
@@ -100,6 +100,7 @@ fn steps(
     let (first_step, training_started) = (trainer.steps_done(), std::time::Instant::now());
     let mut psnr = String::new();
     let mut kept_at = trainer.seconds();
+    let mut not_kept = None;
     if first_step == total {
         // An earlier run did the last step and failed after it.
         trainer.complete_features()?;
@@ -121,9 +122,9 @@ fn steps(
         {
             // A checkpoint that fails is no reason to end a training: its scene is smaller, and
             // there may be room the next time.
-            if let Err(e) = trainer.save_checkpoint(path) {
-                tracing::warn!("step {} could not be kept to go on from: {e}", report.step);
-            }
+            let kept = trainer.save_checkpoint(path);
+            not_kept =
+                kept.err().map(|e| format!("step {} could not be kept to go on from: {e}", report.step));
             kept_at = trainer.seconds();
         }
         if stop {
@@ -136,7 +137,7 @@ fn steps(
     let psnr_db = trainer.psnr_db()?;
     let scene = trainer.scene()?;
     let (steps, gaussians) = (trainer.steps_done(), scene.gaussians.len());
-    let (steps_kept, notes) = (0, Vec::new());
+    let (steps_kept, notes) = (0, not_kept.into_iter().collect());
     Ok(Trained { scene, gaussians, steps, steps_kept, seconds, psnr_db, dropped, notes })
 }
 

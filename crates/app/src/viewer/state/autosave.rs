@@ -81,7 +81,7 @@ impl Autosave {
             match Session::load(&place.file) {
                 Ok(session) => left.push(Left { session, place, is_own: false }),
                 Err(_) => {
-                    tracing::warn!("what was left unsaved cannot be read ({})", place.file.display());
+                    eprintln!("what was left unsaved cannot be read ({})", place.file.display());
                 }
             }
         }
@@ -232,7 +232,7 @@ fn remove(file: &Path) {
     if let Err(e) = std::fs::remove_file(file)
         && e.kind() != std::io::ErrorKind::NotFound
     {
-        tracing::warn!("what was kept could not be removed: {e} ({})", file.display());
+        eprintln!("what was kept could not be removed: {e} ({})", file.display());
     }
 }
 

@@ -87,13 +87,13 @@ impl Preferences {
         Self { file, ..read }
     }
 
-    /// Writes the preferences. A failure is not shown to the user, because only the preferences are lost.
+    /// Writes the preferences. A failure is said on standard error only, because no work is lost.
     pub(crate) fn save(&self) {
         let Some(file) = &self.file else { return };
         let text = serde_json::to_string_pretty(self).map_err(|e| e.to_string());
         let written = text.and_then(|text| write_whole(file, text.as_bytes()).map_err(|e| e.to_string()));
         if let Err(e) = written {
-            tracing::warn!("the preferences could not be saved: {e}");
+            eprintln!("the preferences could not be saved: {e}");
         }
     }
 

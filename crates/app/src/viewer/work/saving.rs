@@ -153,7 +153,8 @@ impl Shared {
         } else if let Some(session) = self.session().filter(|_| self.is_unsaved())
             && let Err(e) = self.saving.autosave.keep_now(&session)
         {
-            tracing::warn!("the work could not be kept: {e}");
+            // The window is gone: this is the last place that anybody may look at.
+            eprintln!("the work could not be kept: {e}");
         }
     }
 
