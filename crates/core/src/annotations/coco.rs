@@ -55,11 +55,19 @@ enum Segmentation {
     Other,
 }
 
+impl Image {
+    /// Everything by which its frame is found.
+    fn named(&self) -> (Option<usize>, Option<&str>, Option<&str>) {
+        (self.frame, self.source.as_deref(), self.file_name.as_deref())
+    }
+}
+
 /// Returns the annotations of a COCO file.
 pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     let malformed = |e| Error::input(format!("this is no file of COCO annotations: {e}"), "");
     let file: Coco = serde_json::from_slice(text).map_err(malformed)?;
-    let names: BTreeMap<u64, &str> = file.categories.iter().map(|c| (c.id, c.name.as_str())).collect();
+    let names = by_id(file.categories.iter().map(|c| (c.id, c.name.as_str())), "categories")?;
+    by_id(file.images.iter().map(|image| (image.id, image.named())), "images")?;
     let places = places(&file.images, canvas)?;
     let mut found = Vec::new();
     for (i, entry) in file.annotations.iter().enumerate() {
@@ -79,6 +87,20 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
         }
     }
     Ok(found)
+}
+
+/// Returns entries by their ids. Those of the same id have to be the same: two files that were put together
+/// have them twice.
+fn by_id<T: PartialEq>(entries: impl Iterator<Item = (u64, T)>, kind: &str) -> Result<BTreeMap<u64, T>> {
+    let mut known = BTreeMap::new();
+    for (id, entry) in entries {
+        if known.get(&id).is_some_and(|other| *other != entry) {
+            let what = format!("two {kind} have the id {id}");
+            return Err(Error::input(what, "Give every one its own, or read the files one after the other."));
+        }
+        known.insert(id, entry);
+    }
+    Ok(known)
 }
 
 /// Returns the place of every image, by its id. Names of recorded frames come first: their numbers change

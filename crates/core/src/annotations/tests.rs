@@ -288,6 +288,9 @@ fn annotations_of_other_recordings_are_refused() {
     assert!(refused(&two).contains("\"video02/shot 1.jpg\" would both be frame 1"), "{}", refused(&two));
     let twice = coco(&[r#""file_name": "a/shot 1.jpg""#; 2]);
     assert_eq!(shapes_of(&twice).len(), 2, "an image may be listed twice");
+    let images = [1, 2].map(|frame| format!(r#"{{"id": 0, "frame": {frame}}}"#)).join(", ");
+    let put_together = format!(r#"{{"categories": [], "images": [{images}], "annotations": []}}"#);
+    assert!(refused(&put_together).contains("two images have the id 0"), "{}", refused(&put_together));
     let image = |folder: &str| format!("<image name=\"{folder}/shot 2.png\"></image>");
     assert!(refused(&cvat(&(image("a") + &image("b")))).contains("would both be frame 2"));
     let tasks = |folder: &str| format!(r#"{{"data": {{"image": "{folder}/shot 2.png"}}}}"#);
