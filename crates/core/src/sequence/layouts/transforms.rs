@@ -62,6 +62,9 @@ struct Intrinsics {
     p2: Option<f64>,
 }
 
+/// Difference of the scales along both sides, of pictures of another size, up to which they were only scaled.
+const UNEVEN: f64 = 0.02;
+
 /// Returns `true` if `folder` has the marks of this layout.
 pub(super) fn matches(folder: &Path) -> Result<bool> {
     Ok(is_present(&folder.join(TRANSFORMS_FILE)))
@@ -77,6 +80,13 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
             "The file should be as nerfstudio writes it.",
         )
     })?;
+    if transforms.frames.is_empty() {
+        return Err(Error::input_at(
+            &path,
+            "it lists no frame",
+            "The file should be as nerfstudio writes it.",
+        ));
+    }
     transforms.frames.sort_by(|a, b| read::natural_order(&a.file_path, &b.file_path));
     let images: Vec<_> = transforms.frames.iter().map(|f| picture_path(folder, &f.file_path)).collect();
     let mut recording = Recording::of_pictures(folder, &images)?;
@@ -86,6 +96,18 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
         let intrinsics = entry.intrinsics.or(transforms.shared);
         known &= intrinsics.focal(size.0).is_some();
         let camera = intrinsics.camera(size, recording.cameras[i]);
+        let of = intrinsics.size(size);
+        let stretch = size.0 / of.0 / (size.1 / of.1);
+        if !((1.0 - UNEVEN..=1.0 + UNEVEN).contains(&stretch)) {
+            let what = format!("it is for {}×{} pixels, the images are {}×{}", of.0, of.1, size.0, size.1);
+            return Err(Error::input_at(&path, what, "Give the w and h of these images, or none."));
+        }
+        if i == 0 && of != size {
+            recording.notes.push(format!(
+                "transforms.json is for {}×{} pixels, the images are {}×{}: the camera was scaled",
+                of.0, of.1, size.0, size.1
+            ));
+        }
         let pose = world_from_camera(&entry.transform_matrix).ok_or_else(|| {
             Error::input_at(
                 &path,
@@ -166,9 +188,14 @@ impl Intrinsics {
         self.fl_x.or(from_angle)
     }
 
+    /// Returns columns and rows of the pictures that the numbers are of; `size` if they do not say.
+    fn size(&self, size: (f64, f64)) -> (f64, f64) {
+        (self.w.unwrap_or(size.0), self.h.unwrap_or(size.1))
+    }
+
     /// Returns the intrinsics for pictures of `size`; unknown values stay as in `assumed`.
     fn camera(&self, size: (f64, f64), assumed: Camera) -> Camera {
-        let (w, h) = (self.w.unwrap_or(size.0), self.h.unwrap_or(size.1));
+        let (w, h) = self.size(size);
         let (sx, sy) = (size.0 / w, size.1 / h);
         let Some(fx) = self.focal(size.0) else { return assumed };
         Camera {

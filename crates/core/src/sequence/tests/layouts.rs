@@ -298,6 +298,8 @@ fn transforms_have_opengl_axes_and_intrinsics_per_frame() {
     let (first, second) = (sequence.camera(0), sequence.camera(1));
     assert_eq!((first.fx, first.fy, first.cx, first.cy), (10.0, 11.0, 3.5, 2.5));
     assert_eq!(second.fx, 20.0);
+    let note = "transforms.json is for 16×12 pixels, the images are 8×6: the camera was scaled";
+    assert_eq!(sequence.inner.recording.notes, [note]);
 
     // OpenGL looks along −z with y up: a point up and ahead is above the image's centre.
     let up_ahead = first.camera_from_world.transform_point3(Vec3::new(0.5, 1.0, -4.0));
@@ -323,8 +325,12 @@ fn broken_transforms_name_the_frame() {
     write_pictures(&at("images"), &["f9.png", "f10.png"]);
     std::fs::write(at("transforms.json"), TRANSFORMS.replace("[[1,0,0,0]", "[[0,0,0,0]")).unwrap();
     assert!(message(Sequence::open(folder.path())).contains("images/f9.png"));
+    std::fs::write(at("transforms.json"), TRANSFORMS.replace("\"w\":16", "\"w\":12")).unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("it is for 12×12 pixels, the images are 8×6"));
     std::fs::write(at("transforms.json"), "{}").unwrap();
     assert!(message(Sequence::open(folder.path())).contains("frames"));
+    std::fs::write(at("transforms.json"), "{\"frames\": []}").unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("it lists no frame"));
 }
 
 #[test]
