@@ -50,6 +50,9 @@ impl Default for DepthRule {
     }
 }
 
+/// Depth below which a value means nothing, scene units: its inverse square is too large for a number.
+const SMALLEST: f32 = 1e-6;
+
 /// A depth map as read from its file: 0 where unknown.
 pub(super) struct DepthMap {
     /// Depth in scene units.
@@ -59,8 +62,8 @@ pub(super) struct DepthMap {
 }
 
 impl DepthRule {
-    /// Reads a PNG (grey or in one channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
-    /// become 0, "unknown".
+    /// Reads a PNG (grey or in one channel, 8 or 16 bits) or npy map. Values that are not finite or not above
+    /// [`SMALLEST`] become 0, "unknown".
     pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
         let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
         let values = if is_npy { read::npy_map(path)? } else { picture_map(path)? };
@@ -71,7 +74,7 @@ impl DepthRule {
                 DepthKind::Depth => self.scale * value,
                 DepthKind::Disparity => self.scale / value,
             } as f32;
-            if v > 0.0 && z.is_finite() { z } else { 0.0 }
+            if v > 0.0 && z >= SMALLEST && z.is_finite() { z } else { 0.0 }
         });
         Ok(DepthMap { depth, bad_values })
     }
@@ -190,6 +193,15 @@ mod tests {
         assert_eq!(read(|v| [v as u8; 3]).unwrap(), 120.0);
         assert_eq!(read(|v| [0, v as u8, 0]).unwrap(), 120.0, "in one channel");
         assert_eq!(read(|v| if v == 252 { [255, 0, 0] } else { [v as u8; 3] }).unwrap(), 120.0, "writing");
+    }
+
+    #[test]
+    fn a_depth_of_next_to_nothing_is_unknown() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.npy");
+        let values = ndarray::arr2(&[[2.0_f32, 1e-20, 1e-3]]);
+        ndarray_npy::write_npy(&path, &values.insert_axis(ndarray::Axis(0))).unwrap();
+        assert_eq!(DepthRule::default().read(&path).unwrap().depth.data, [2.0, 0.0, 1e-3]);
     }
 
     #[test]
