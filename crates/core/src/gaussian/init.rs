@@ -49,7 +49,15 @@ pub fn seed(frames: &[SeedFrame], settings: &SeedSettings) -> Gaussians {
     let mut gaussians =
         Gaussians { latent_dim: settings.latent_dim, sh_degree: settings.sh_degree, ..Gaussians::default() };
     for frame in frames {
-        seed_frame(frame, settings, &mut gaussians, &mut rng);
+        seed_frame(frame, settings, &mut gaussians, |cell| Some(cell.place(&mut rng)));
+    }
+    // So little is kept by the masks that chance missed all of it.
+    if gaussians.is_empty() {
+        for frame in frames {
+            seed_frame(frame, settings, &mut gaussians, |cell| {
+                cell.pixels().find(|[x, y]| frame.mask.at(*x, *y))
+            });
+        }
     }
     let n = gaussians.len();
     gaussians.opacity_logits = vec![logit(settings.opacity); n];
@@ -79,7 +87,28 @@ fn neighbour_log_scales(means: &[[f32; 3]]) -> Vec<[f32; 3]> {
     means.iter().map(|mean| [log_scale(mean); 3]).collect()
 }
 
-fn seed_frame(frame: &SeedFrame, settings: &SeedSettings, gaussians: &mut Gaussians, rng: &mut ChaCha8Rng) {
+/// A square of a frame, cut off where the frame ends: [first, end] of its columns and rows, px.
+struct Cell([[f32; 2]; 2]);
+
+impl Cell {
+    /// Returns a pixel in its middle, at random.
+    fn place(&self, rng: &mut ChaCha8Rng) -> [usize; 2] {
+        self.0.map(|[start, end]| (start + rng.random_range(0.2..0.8) * (end - start)) as usize)
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = [usize; 2]> {
+        let [columns, rows] = self.0.map(|[start, end]| start as usize..end.ceil() as usize);
+        rows.flat_map(move |y| columns.clone().map(move |x| [x, y]))
+    }
+}
+
+/// Adds a Gaussian in each cell that shows none yet, at the `place` in it, if the mask keeps that.
+fn seed_frame(
+    frame: &SeedFrame,
+    settings: &SeedSettings,
+    gaussians: &mut Gaussians,
+    mut place: impl FnMut(Cell) -> Option<[usize; 2]>,
+) {
     let spacing_px = settings.spacing_px.max(1.0);
     let (width, height) = (frame.mask.width, frame.mask.height);
     let columns = (width as f32 / spacing_px).ceil() as usize;
@@ -96,14 +125,13 @@ fn seed_frame(frame: &SeedFrame, settings: &SeedSettings, gaussians: &mut Gaussi
     }
     let covered = grown(&covered, columns, rows);
     for cell in (0..columns * rows).filter(|&c| !covered[c]) {
-        // A place within the part of the cell that lies in the image.
-        let at = |k: usize, jitter: f32, size: usize| {
+        let side = |k: usize, size: usize| {
             let start = k as f32 * spacing_px;
-            let end = (start + spacing_px).min(size as f32);
-            ((start + jitter * (end - start)) as usize).min(size - 1)
+            [start, (start + spacing_px).min(size as f32)]
         };
-        let x = at(cell % columns, rng.random_range(0.2..0.8), width);
-        let y = at(cell / columns, rng.random_range(0.2..0.8), height);
+        let cell = Cell([side(cell % columns, width), side(cell / columns, height)]);
+        let Some([x, y]) = place(cell) else { continue };
+        let (x, y) = (x.min(width - 1), y.min(height - 1));
         if frame.mask.at(x, y) {
             push(frame, x, y, spacing_px, settings.default_depth, gaussians);
         }
@@ -175,6 +203,15 @@ mod tests {
             assert_eq!(shown, [u as i32, v as i32, 9]);
         }
         assert_eq!(g.features.len(), g.len() * 3);
+    }
+
+    #[test]
+    fn what_chance_misses_is_begun_with_if_nothing_else_is_kept() {
+        let few = seed(&[frame(None, |x, y| x == 0 && y % 4 == 0 && y < 12)], &settings(0));
+        assert_eq!(few.len(), 3, "one in each cell");
+        let camera = Camera::with_field_of_view(64, 48, 60.0);
+        assert!(few.means.iter().all(|mean| camera.project((*mean).into()).unwrap().0 < 1.0));
+        assert!(seed(&[frame(None, |_, _| false)], &settings(0)).is_empty());
     }
 
     #[test]
