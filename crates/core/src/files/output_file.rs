@@ -74,7 +74,13 @@ impl OutputFile {
             return Err(foreign(&self.path, &self.kind));
         }
         let mut file = WholeFile::create(&self.path)?;
-        write(&mut file)?;
+        write(&mut file).map_err(|error| match error {
+            // It knows of the temporary file alone, and that is not the one that matters.
+            Error::Io { doing, source, path } if path.as_os_str().is_empty() => {
+                Error::io(doing, &self.path, source.kind().into())
+            }
+            other => other,
+        })?;
         if is_there { file.commit() } else { file.commit_new() }?;
         self.is_there.store(true, Ordering::Relaxed);
         Ok(())

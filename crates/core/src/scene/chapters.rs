@@ -224,8 +224,8 @@ impl Scene {
     pub fn chapter_alone(&self, index: usize) -> Result<Self> {
         let mut scene = self.of_chapter(index)?;
         let Some(shown) = scene.chapters.current().map(|chapter| chapter.shown.clone()) else {
-            let what =
-                format!("there is no chapter {index}; the scene has {}, from 0", self.chapters.iter().len());
+            let there: Vec<String> = self.chapters.iter().map(|c| c.index.to_string()).collect();
+            let what = format!("there is no chapter {index}; the scene has {}", there.join(", "));
             return Err(Error::input(what, "Give another --chapter."));
         };
         let times: Vec<f32> = shown.clone().map(|i| self.time(i)).collect();
@@ -353,7 +353,14 @@ impl Scene {
         let file = open_regular(path).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
         let part = Part::new(path, &Arc::new(Mutex::new(file)), [0, len]);
-        let mut scene = part.scene()?.as_chapter();
+        let scene = part.scene().map_err(|error| match Self::load(path) {
+            Ok(joined) if !joined.chapters.is_empty() => {
+                let what = "this scene is joined of chapters already";
+                Error::input_at(path, what, "Give the scenes of single chapters.")
+            }
+            _ => error,
+        });
+        let mut scene = scene?.as_chapter();
         match scene.chapters.all.first_mut() {
             Some(place) => place.source = Source::File(part),
             None => {
@@ -451,6 +458,9 @@ mod tests {
             let last = read.at(read.time(8)).unwrap();
             assert!(is_stored(&last.gaussians, &second, compact));
             assert!(Scene::is_own_file(&path) && Scene::memory_bytes(&path) > 0);
+            let message = |error: Result<Scene>| error.unwrap_err().to_string();
+            assert!(message(Scene::load_chapter(&path)).contains("joined of chapters already"));
+            assert!(message(read.chapter_alone(2)).contains("there is no chapter 2; the scene has 0, 1"));
             assert!(Scene::read_bytes(&path) < path.metadata().unwrap().len());
             // A file that is replaced meanwhile is still read.
             std::fs::remove_file(&path).unwrap();

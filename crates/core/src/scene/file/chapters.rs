@@ -145,7 +145,7 @@ fn name(chapter: &Chapter) -> String {
 pub(in crate::scene) fn write(scene: &Scene, to: &mut (impl Write + Seek), compact: bool) -> Result<()> {
     let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
     let header_len = HEADER_BYTES[0] * (chapters.len() + 1) + HEADER_BYTES[1];
-    let fail = |e: std::io::Error| Error::io("write the scene", Path::new("of chapters"), e);
+    let fail = |e: std::io::Error| Error::io("write the scene", Path::new(""), e);
     to.seek(SeekFrom::Start(8 + header_len as u64)).map_err(fail)?;
     let (mut tensors, mut at) = (BTreeMap::new(), 0);
     let mut put = |name: String, bytes: &[u8]| {
