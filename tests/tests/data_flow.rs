@@ -363,11 +363,12 @@ fn an_interrupted_training_goes_on_where_it_stopped() {
     let train = ["train", "prepared", "-o", "interrupted.safetensors"];
     let steps = ["--iterations", "4000"];
     // The training is stopped by hand, then by a scheduler.
-    for (how, sent) in [(&steps[..], "-INT"), (&["--resume"][..], "-TERM")] {
+    // `timeout` sends a signal to the program, and once more to its group.
+    for (how, sent) in [(&steps[..], &["-INT"][..]), (&["--resume"][..], &["-TERM", "-TERM"])] {
         let mut child = surgtpgs_tests::start_until_training(flow.path(), &[&train, how].concat(), 1);
         std::thread::sleep(std::time::Duration::from_millis(300));
-        surgtpgs_tests::signal(&child, sent);
-        assert_eq!(child.wait().unwrap().code(), Some(1), "{sent}");
+        sent.iter().for_each(|signal| surgtpgs_tests::signal(&child, signal));
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{sent:?}");
         assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
         assert!(flow.run(&train).refused(1).contains("--resume"));
     }

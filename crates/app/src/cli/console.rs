@@ -5,7 +5,7 @@ use std::{
     io::Write,
     ops::ControlFlow,
     sync::{
-        Once,
+        Once, OnceLock,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
@@ -130,9 +130,14 @@ impl Drop for ProgressView {
     }
 }
 
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// Time of the first wish to stop.
+static INTERRUPTED: OnceLock<Instant> = OnceLock::new();
 /// `true` once the terminal is gone.
 static HUNG_UP: AtomicBool = AtomicBool::new(false);
+
+/// Time after the first signal in which further ones are copies of it: `timeout` and managers of jobs send
+/// one to the program and another to its group.
+const SAME_WISH: Duration = Duration::from_secs(1);
 
 /// `true` once the job can stop and keep its work.
 static IS_WATCHED: AtomicBool = AtomicBool::new(false);
@@ -193,14 +198,18 @@ pub fn keep_writing() {
 }
 
 fn interrupt() {
-    if INTERRUPTED.swap(true, Ordering::SeqCst) || !IS_WATCHED.load(Ordering::SeqCst) {
+    let now = Instant::now();
+    let first = *INTERRUPTED.get_or_init(|| now);
+    if !IS_WATCHED.load(Ordering::SeqCst) || now.duration_since(first) > SAME_WISH {
         remove_unpacked_videos();
         std::process::exit(130);
     }
-    say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
+    if first == now {
+        say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
+    }
 }
 
 /// Returns `true` if the user, or the system, wants the program to stop.
 pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::SeqCst) || HUNG_UP.load(Ordering::SeqCst)
+    INTERRUPTED.get().is_some() || HUNG_UP.load(Ordering::SeqCst)
 }
