@@ -211,7 +211,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         jobs::remove_file(&checkpoint)?;
         jobs::remove_chapters(output.path())?;
     } else {
-        let then = if place.has_unfinished() { ", and --resume goes on from what is kept" } else { "" };
+        let then = if place.unfinished().is_some() { ", and --resume goes on from what is kept" } else { "" };
         let scene = if place.has_whole() { "the earlier scene stays" } else { "the scene is saved" };
         say(&format!("stopped after {} steps; {scene}{then}", report.steps));
     }
@@ -245,9 +245,10 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    /// Returns `true` if there is something to go on from.
-    fn has_unfinished(&self) -> bool {
-        self.checkpoint.is_file() || !jobs::chapters_beside(self.scene).is_empty()
+    /// Returns a file to go on from; `None` if there is none.
+    fn unfinished(&self) -> Option<PathBuf> {
+        let alone = self.checkpoint.is_file().then(|| self.checkpoint.to_owned());
+        alone.or_else(|| jobs::begun_chapters(self.scene).into_iter().next())
     }
 
     /// Returns `true` if there is a scene that was trained to the end.
@@ -265,7 +266,7 @@ impl Place<'_> {
 
     /// Says that work is kept, after an error.
     fn say_kept(&self) {
-        if self.has_unfinished() {
+        if self.unfinished().is_some() {
             say("what was learned so far is kept, and --resume goes on from there");
         }
     }
@@ -282,17 +283,18 @@ enum Begun {
 fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Begun> {
     let (sequence, prepared) = (material.sequence(), material.prepared());
     if args.resume {
-        let of_chapters = jobs::settings_of_chapters(place.scene)?;
-        if let (Some(settings), None) = (of_chapters, args.chapter) {
+        let is_alone = args.chapter.is_some() || place.checkpoint.is_file();
+        if !is_alone && let Some(settings) = jobs::settings_of_chapters(place.scene, material)? {
             return Ok(Begun::InChapters(Box::new(settings), None));
         }
         let trainer = Trainer::resume(sequence, prepared, place.checkpoint)?;
-        let settings = trainer.settings();
-        let first = settings.chapter.as_ref().filter(|chapter| chapter.index == 0);
-        return Ok(match args.chapter.is_none() && first.is_some() {
-            true => Begun::InChapters(Box::new(TrainSettings { chapter: None, ..settings.clone() }), None),
-            false => Begun::Whole(Box::new(trainer)),
-        });
+        let begun = trainer.settings().chapter.as_ref().map(|chapter| chapter.index);
+        if args.chapter.is_some() && args.chapter != begun {
+            let of = begun.map_or("the whole recording".into(), |index| format!("chapter {index}"));
+            let what = format!("the unfinished training is of {of}");
+            return Err(Error::input_at(place.checkpoint, what, "Leave --chapter out to go on with it."));
+        }
+        return Ok(Begun::Whole(Box::new(trainer)));
     }
     jobs::remove_chapters(place.scene)?;
     let settings = args.settings();
@@ -364,7 +366,7 @@ fn train_chapters(
         settings,
         backend: args.backend,
         scene: place.scene,
-        checkpoint: Some(place.checkpoint),
+        keeps_unfinished: true,
         replaces: false,
         look_at: None,
     };
@@ -392,14 +394,14 @@ fn train_chapters(
 
 /// Fails if it is not clear whether to go on with an unfinished training: it is never lost by accident.
 fn require_choice(args: &TrainArgs, scene: &Path, checkpoint: &Path) -> Result<()> {
-    match (args.resume, Place { scene, checkpoint }.has_unfinished()) {
-        (true, false) => Err(Error::input_at(
+    match (args.resume, Place { scene, checkpoint }.unfinished()) {
+        (true, None) => Err(Error::input_at(
             checkpoint,
             "there is no unfinished training to go on with",
             "Train without --resume.",
         )),
-        (false, true) if !args.force => Err(Error::input_at(
-            checkpoint,
+        (false, Some(unfinished)) if !args.force => Err(Error::input_at(
+            unfinished,
             "an earlier training of this scene is unfinished",
             "Go on with --resume, or begin again with --force.",
         )),

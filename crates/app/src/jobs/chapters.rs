@@ -28,8 +28,8 @@ pub struct Course<'a> {
     pub backend: BackendChoice,
     /// Scene file to be written at the end. What is done of it is kept beside it.
     pub scene: &'a Path,
-    /// File that keeps the unfinished chapter; `None` to keep whole ones alone.
-    pub checkpoint: Option<&'a Path>,
+    /// `true` to keep what is unfinished, too, the recording beside the scene file, or a chapter beside its own.
+    pub keeps_unfinished: bool,
     /// `true` to replace chapters beside the scene file that are not of this training; else they are an error.
     pub replaces: bool,
     /// Returns the frame whose chapter is to be trained next; `None` to go from the first to the last.
@@ -61,7 +61,7 @@ pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
 }
 
 /// Returns the chapters that lie beside a scene file, whichever they are: the window trains in any order.
-pub fn chapters_beside(scene: &Path) -> Vec<PathBuf> {
+fn chapters_beside(scene: &Path) -> Vec<PathBuf> {
     let is_scene = |path: &PathBuf| *path == path.with_extension("safetensors") && Scene::is_own_file(path);
     files_of_chapters(scene).into_iter().filter(is_scene).collect()
 }
@@ -83,13 +83,30 @@ fn files_of_chapters(scene: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// Returns the settings of a training of which chapters are done, and lie beside a scene file; `None` if
+/// Returns the files that keep the unfinished training of chapters of a scene file.
+fn unfinished_chapters_beside(scene: &Path) -> Vec<PathBuf> {
+    let is_unfinished = |path: &PathBuf| *path == checkpoint_path(path) && is_checkpoint(path);
+    files_of_chapters(scene).into_iter().filter(is_unfinished).collect()
+}
+
+/// Returns the files of a training in chapters that was begun, and lies beside a scene file.
+pub fn begun_chapters(scene: &Path) -> Vec<PathBuf> {
+    [chapters_beside(scene), unfinished_chapters_beside(scene)].concat()
+}
+
+/// Returns the settings of a training of which chapters were begun, and lie beside a scene file; `None` if
 /// there are none.
-pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
-    let Some(path) = chapters_beside(scene).into_iter().next() else { return Ok(None) };
-    let settings = settings(&Scene::load_chapter(&path)?).ok_or_else(|| {
-        Error::input_at(&path, "the settings of this chapter cannot be read", "Begin the training anew.")
-    })?;
+pub fn settings_of_chapters(scene: &Path, material: &Material) -> Result<Option<TrainSettings>> {
+    let unknown = |path: &Path| {
+        Error::input_at(path, "the settings of this chapter cannot be read", "Begin the training anew.")
+    };
+    let settings = if let Some(path) = chapters_beside(scene).first() {
+        settings(&Scene::load_chapter(path)?).ok_or_else(|| unknown(path))?
+    } else if let Some(path) = unfinished_chapters_beside(scene).first() {
+        Trainer::resume(material.sequence(), material.prepared(), path)?.settings().clone()
+    } else {
+        return Ok(None);
+    };
     Ok(Some(TrainSettings { chapter: None, ..settings }))
 }
 
@@ -133,9 +150,7 @@ fn settings_for(material: &Material, settings: &TrainSettings) -> TrainSettings 
 
 /// Removes the chapters that lie beside a scene file, and what keeps the unfinished training of one.
 pub fn remove_chapters(scene: &Path) -> Result<()> {
-    let is_unfinished = |path: &PathBuf| *path == checkpoint_path(path) && is_checkpoint(path);
-    let unfinished = files_of_chapters(scene).into_iter().filter(is_unfinished);
-    chapters_beside(scene).into_iter().chain(unfinished).try_for_each(|path| remove_file(&path))
+    begun_chapters(scene).iter().try_for_each(|path| remove_file(path))
 }
 
 /// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in
@@ -215,7 +230,8 @@ impl Course<'_> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
         let mut trainer = Trainer::planned(sequence, prepared, self.settings.clone(), plan, None, observer)?;
         backend::choose(&mut trainer, self.backend)?;
-        go_on(&mut trainer, self.checkpoint, observer, watch)
+        let checkpoint = self.keeps_unfinished.then(|| checkpoint_path(self.scene));
+        go_on(&mut trainer, checkpoint.as_deref(), observer, watch)
     }
 
     /// Returns `true` if all chapters are done.
@@ -246,12 +262,15 @@ impl Course<'_> {
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
             }
-            let mut trainer = self.trainer(plan, chapter, observer)?;
+            let (mut trainer, unusable) = match self.trainer(plan, chapter, observer) {
+                // Nothing of this chapter is learned yet.
+                Err(Error::Cancelled) if whole.is_some() => break,
+                begun => begun?,
+            };
             backend::choose(&mut trainer, self.backend)?;
-            let note = trainer
-                .scope()
-                .note()
-                .map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
+            let notes = trainer.scope().note().into_iter().chain(unusable);
+            let notes = notes.map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
+            let checkpoint = self.checkpoint(chapter);
             let steps = trainer.settings().iterations;
             let mut observer = |p: &Progress<'_>| {
                 let detail = format!("chapter {} of {count}, {}", chapter.index + 1, p.detail);
@@ -266,15 +285,15 @@ impl Course<'_> {
             let mut watch = |watched: &mut Watched<'_>, report: &StepReport| {
                 watch(&mut Watched { trainer: watched.trainer, done }, report)
             };
-            let mut trained = go_on(&mut trainer, self.checkpoint, &mut observer, &mut watch)?;
+            let mut trained = go_on(&mut trainer, checkpoint.as_deref(), &mut observer, &mut watch)?;
             let is_stopped = trained.steps < steps;
             trained_before += 1;
-            trained.notes.extend(note);
+            trained.notes.extend(notes);
             trained.scene = if is_stopped {
                 trained.scene.as_chapter()
             } else {
                 let path = self.keep(trained.scene, chapter)?;
-                self.checkpoint.map_or(Ok(()), remove_file)?;
+                checkpoint.as_deref().map_or(Ok(()), remove_file)?;
                 // Before the chapter is read again there is room for it.
                 drop(trainer);
                 Scene::load_chapter(&path)?
@@ -301,18 +320,38 @@ impl Course<'_> {
         left.iter().position(|chapter| frame < chapter.shown.end).unwrap_or(0)
     }
 
-    /// Returns a trainer for a chapter; an unfinished one goes on.
-    fn trainer(&self, plan: &Plan, chapter: &Chapter, observer: &mut Observer<'_>) -> Result<Trainer> {
+    /// Returns the file that keeps a chapter while it is unfinished.
+    fn checkpoint(&self, chapter: &Chapter) -> Option<PathBuf> {
+        self.keeps_unfinished.then(|| checkpoint_path(&chapter_path(self.scene, chapter.index)))
+    }
+
+    /// Returns a trainer for a chapter, and a note if what was kept of it is of no use; else that goes on.
+    fn trainer(
+        &self,
+        plan: &Plan,
+        chapter: &Chapter,
+        observer: &mut Observer<'_>,
+    ) -> Result<(Trainer, Option<String>)> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
-        if let Some(path) = self.checkpoint.filter(|path| path.exists()) {
-            let trainer = Trainer::resume(sequence, prepared, path)?;
-            if trainer.settings().chapter.as_ref() == Some(chapter)
-                && trainer.settings().agrees_with(&settings_for(self.material, &self.settings))
-            {
-                return Ok(trainer);
+        let mut note = None;
+        if let Some(path) = self.checkpoint(chapter).filter(|path| path.exists()) {
+            match Trainer::resume_if_usable(sequence, prepared, &path)? {
+                Ok(trainer)
+                    if trainer.settings().chapter.as_ref() == Some(chapter)
+                        && trainer.settings().agrees_with(&settings_for(self.material, &self.settings)) =>
+                {
+                    return Ok((trainer, None));
+                }
+                Ok(_) => {}
+                Err(_) => {
+                    let what = "what was kept of it is damaged, or of another version: it is begun anew";
+                    note = Some(what.to_owned());
+                }
             }
         }
-        Trainer::planned(sequence, prepared, self.settings.clone(), plan, Some(chapter), observer)
+        let settings = self.settings.clone();
+        let trainer = Trainer::planned(sequence, prepared, settings, plan, Some(chapter), observer)?;
+        Ok((trainer, note))
     }
 
     /// Reads a chapter that is done.
@@ -403,7 +442,7 @@ mod tests {
             Self { material: Material::open(&recording).unwrap(), folder }
         }
 
-        fn course<'a>(&'a self, scene: &'a Path, checkpoint: Option<&'a Path>) -> Course<'a> {
+        fn course<'a>(&'a self, scene: &'a Path, keeps_unfinished: bool) -> Course<'a> {
             let settings = TrainSettings {
                 iterations: STEPS,
                 chapter_frames: 8,
@@ -415,7 +454,7 @@ mod tests {
                 settings,
                 backend: BackendChoice::Cpu,
                 scene,
-                checkpoint,
+                keeps_unfinished,
                 replaces: false,
                 look_at: None,
             }
@@ -433,8 +472,8 @@ mod tests {
         let here = Place::new();
         let [whole, stopped] =
             ["a", "b"].map(|name| here.folder.path().join(name).with_extension("safetensors"));
-        let checkpoint = here.folder.path().join("b.unfinished");
-        let course = here.course(&whole, None);
+        let checkpoint = here.folder.path().join("b.chapter-0001.unfinished");
+        let course = here.course(&whole, false);
         let trained = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
         assert_eq!((trained.steps, trained.scene.chapters.iter().len()), (3 * STEPS, 3));
         let bytes = here.bytes(&trained.scene);
@@ -442,7 +481,7 @@ mod tests {
         assert!(!chapter_path(&whole, 0).exists());
 
         // Stopped in the second chapter.
-        let course = here.course(&stopped, Some(&checkpoint));
+        let course = here.course(&stopped, true);
         let mut stop = |p: &Progress<'_>| match (p.stage == TRAINING, p.done) {
             (true, 9) => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),
@@ -452,7 +491,7 @@ mod tests {
         assert!(!part.scene.chapters.gaps(20).is_empty() && checkpoint.exists());
         let missing = part.scene.at(part.scene.time(19)).unwrap();
         assert!(missing.gaussians.is_empty());
-        let settings = settings_of_chapters(&stopped).unwrap().unwrap();
+        let settings = settings_of_chapters(&stopped, &here.material).unwrap().unwrap();
         assert_eq!(settings, course.settings, "the first chapter decides nothing for the others");
         let course = Course { settings, ..course };
         let mut first = None;
@@ -490,7 +529,7 @@ mod tests {
         std::fs::write(pictures.join("sequence.toml"), "[camera]\nfov_x_degrees = 60\n").unwrap();
         here.material = Material::open(&pictures).unwrap();
         let scene = here.folder.path().join("a.safetensors");
-        let mut course = here.course(&scene, None);
+        let mut course = here.course(&scene, false);
         course.settings.chapter_frames = 24;
         let trained = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
         assert!(trained.notes[1].starts_with("Chapter 2 of 2: The scope moves"), "{:?}", trained.notes);
@@ -510,7 +549,7 @@ mod tests {
     fn chapters_of_another_training_are_not_joined() {
         let here = Place::new();
         let scene = here.folder.path().join("a.safetensors");
-        let mut course = here.course(&scene, None);
+        let mut course = here.course(&scene, false);
         course.train(&mut unobserved, &mut |_, _| {}).unwrap();
         let paths = [0, 1].map(|index| chapter_path(&scene, index));
         std::fs::rename(&paths[0], here.folder.path().join("first.safetensors")).unwrap();
@@ -526,7 +565,7 @@ mod tests {
         assert_eq!((all.steps, settings(&all.scene).unwrap().seed), (3 * STEPS, 1));
         // Those of a window that began in the middle are known, too.
         std::fs::remove_file(&paths[0]).unwrap();
-        assert_eq!(settings_of_chapters(&scene).unwrap().unwrap().seed, 1);
+        assert_eq!(settings_of_chapters(&scene, &here.material).unwrap().unwrap().seed, 1);
         let unfinished = checkpoint_path(&paths[0]);
         std::fs::write(&unfinished, b"SurgTPGS train A, and so on").unwrap();
         let theirs = ["a.chapter-0001.unfinished", "a.chapter-best.safetensors"];

@@ -14,7 +14,7 @@ mod train;
 mod vanishing_tests;
 
 pub use chapters::{
-    Course, Stopped, Watched, chapter_path, chapters_beside, is_finished_chapter, is_whole_scene, join,
+    Course, Stopped, Watched, begun_chapters, chapter_path, is_finished_chapter, is_whole_scene, join,
     remove_chapters, settings_of_chapters, stopped_at,
 };
 pub use check::check;

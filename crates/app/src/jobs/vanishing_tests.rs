@@ -65,7 +65,7 @@ fn training_whose_recording_vanishes_is_kept_and_goes_on_as_if_nothing_had_happe
 }
 
 #[test]
-fn what_cannot_be_kept_to_go_on_from_ends_no_training() {
+fn what_cannot_be_kept_to_go_on_from_is_said_and_ends_no_training() {
     let here = Vanishing::new();
     let nowhere = here.folder.path().join("recording/sequence.toml/scene.unfinished");
     let mut stop = |p: &Progress<'_>| match p.done {
@@ -74,4 +74,5 @@ fn what_cannot_be_kept_to_go_on_from_ends_no_training() {
     };
     let trained = go_on(&mut here.trainer(12), Some(&nowhere), &mut stop, &mut |_, _| {}).unwrap();
     assert!(trained.steps == 3 && !trained.scene.gaussians.is_empty() && !nowhere.exists());
+    assert!(trained.notes[0].starts_with("step 3 could not be kept"), "{:?}", trained.notes);
 }

@@ -42,11 +42,12 @@ impl TrainedOn {
     }
 }
 
+/// Contents of a checkpoint; `T` and `S` are settings and state, or borrow them.
 #[derive(serde::Serialize, serde::Deserialize)]
-struct Checkpoint {
+struct Checkpoint<T, S> {
     source: TrainedOn,
-    settings: TrainSettings,
-    state: TrainState,
+    settings: T,
+    state: S,
 }
 
 /// Returns `true` if the file at `path` is an unfinished training, of any version.
@@ -64,10 +65,9 @@ pub(super) fn write(
     prepared: Option<&Prepared>,
     identity: &Identity,
     settings: &TrainSettings,
-    state: TrainState,
+    state: &TrainState,
 ) -> Result<()> {
-    let checkpoint =
-        Checkpoint { source: TrainedOn::of(sequence, prepared), settings: settings.clone(), state };
+    let checkpoint = Checkpoint { source: TrainedOn::of(sequence, prepared), settings, state };
     write_whole_with(path, |file| {
         let mut body = Summed { file: BufWriter::new(file), sum: Sha256::new() };
         // The checksum is only known at the end and is then written here.
@@ -98,26 +98,24 @@ impl Write for Summed<'_> {
     }
 }
 
-/// Reads a checkpoint; fails if it belongs to the training of other material.
+const AGAIN: &str = "Train again from the beginning.";
+
+/// Reads a checkpoint; the inner error is of one that is damaged, or of another version.
+///
+/// # Errors
+/// It cannot be read, or belongs to the training of other material.
 pub(super) fn read(
     path: &Path,
     sequence: &Sequence,
     prepared: Option<&Prepared>,
     identity: &Identity,
-) -> Result<(TrainSettings, TrainState)> {
-    const AGAIN: &str = "Train again from the beginning.";
+) -> Result<Result<(TrainSettings, TrainState)>> {
     let bytes =
         read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
-    let damaged =
-        |what: &str| Error::input_at(path, format!("the unfinished training is damaged: {what}"), AGAIN);
-    let foreign = || Error::input_at(path, "this is no unfinished training of this version", AGAIN);
-    let rest = bytes.strip_prefix(MAGIC).ok_or_else(foreign)?;
-    let (checksum, body) = rest.split_at_checked(SUM_BYTES).ok_or_else(|| damaged("it is cut off"))?;
-    if Sha256::digest(body)[..] != *checksum {
-        return Err(damaged("its checksum differs"));
-    }
-    let (begun_on, checkpoint): (Identity, Checkpoint) =
-        postcard::from_bytes(body).map_err(|e| damaged(&e.to_string()))?;
+    let (begun_on, checkpoint) = match parse(&bytes, path) {
+        Ok(parsed) => parsed,
+        Err(unusable) => return Ok(Err(unusable)),
+    };
     identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
     if checkpoint.source != TrainedOn::of(sequence, prepared) {
         return Err(Error::input_at(
@@ -126,8 +124,19 @@ pub(super) fn read(
             AGAIN,
         ));
     }
-    if !checkpoint.state.is_consistent() {
-        return Err(damaged("its sizes differ"));
+    Ok(Ok((checkpoint.settings, checkpoint.state)))
+}
+
+fn parse(bytes: &[u8], path: &Path) -> Result<(Identity, Checkpoint<TrainSettings, TrainState>)> {
+    let damaged =
+        |what: &str| Error::input_at(path, format!("the unfinished training is damaged: {what}"), AGAIN);
+    let foreign = || Error::input_at(path, "this is no unfinished training of this version", AGAIN);
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(foreign)?;
+    let (checksum, body) = rest.split_at_checked(SUM_BYTES).ok_or_else(|| damaged("it is cut off"))?;
+    if Sha256::digest(body)[..] != *checksum {
+        return Err(damaged("its checksum differs"));
     }
-    Ok((checkpoint.settings, checkpoint.state))
+    let parsed: (Identity, Checkpoint<TrainSettings, TrainState>) =
+        postcard::from_bytes(body).map_err(|e| damaged(&e.to_string()))?;
+    if parsed.1.state.is_consistent() { Ok(parsed) } else { Err(damaged("its sizes differ")) }
 }

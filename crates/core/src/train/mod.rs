@@ -142,18 +142,27 @@ impl Trainer {
     /// Resumes from a file that [`Trainer::save_checkpoint`] wrote, with its settings. The result has the
     /// same bytes as without the interruption.
     pub fn resume(sequence: &Sequence, prepared: Option<&Prepared>, path: &Path) -> Result<Self> {
+        Self::resume_if_usable(sequence, prepared, path)?
+    }
+
+    /// Does the same as [`Trainer::resume`]; the inner error is of a file that is damaged, or of another version.
+    pub fn resume_if_usable(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        path: &Path,
+    ) -> Result<Result<Self>> {
         let identity = identity(sequence, prepared)?;
-        let (settings, state) = checkpoint::read(path, sequence, prepared, &identity)?;
-        Ok(Self::with_state(sequence, prepared, settings, state, identity))
+        let read = checkpoint::read(path, sequence, prepared, &identity)?;
+        Ok(read.map(|(settings, state)| Self::with_state(sequence, prepared, settings, state, identity)))
     }
 
     /// Writes everything that is needed to resume.
     pub fn save_checkpoint(&mut self, path: &Path) -> Result<()> {
         self.finish()?;
-        let mut state = self.state.clone();
-        state.seconds = self.seconds();
+        self.state.seconds = self.seconds();
+        self.started = std::time::Instant::now();
         let (prepared, identity) = (self.prepared.as_ref(), &self.identity);
-        checkpoint::write(path, &self.sequence, prepared, identity, &self.settings, state)
+        checkpoint::write(path, &self.sequence, prepared, identity, &self.settings, &self.state)
     }
 
     fn with_state(

@@ -92,7 +92,7 @@ pub(super) fn make_room(task: &mut Task, status: &Status) -> Result<()> {
                 jobs::remove_file(&checkpoint)?;
             }
             // Chapters that lie beside the scene are of these settings, too.
-            args.resume = checkpoint.exists() || goes_on && !jobs::chapters_beside(&task.output).is_empty();
+            args.resume = checkpoint.exists() || goes_on && !jobs::begun_chapters(&task.output).is_empty();
             args.force = !args.resume;
         }
         StepVerb::Eval(args) => args.force = true,

@@ -128,7 +128,7 @@ impl BenchLongArgs {
             settings,
             backend,
             scene,
-            checkpoint: None,
+            keeps_unfinished: false,
             replaces: false,
             look_at: None,
         };

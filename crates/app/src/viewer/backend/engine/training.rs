@@ -70,7 +70,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         settings,
         backend: engine::BackendChoice::Auto,
         scene: output.path(),
-        checkpoint: None,
+        keeps_unfinished: false,
         // The dialog asked before it took the name.
         replaces: true,
         look_at: Some(&|| task.play_head()),
