@@ -1,11 +1,11 @@
 //! A codec in closed form for few rows: the latents of a feature are its shares of the rows.
 
 use super::mlp::Linear;
-use crate::{Error, Result};
+use crate::{Error, Result, linear::Symmetric};
 use ndarray::{Array1, Array2, ArrayView2};
 
 /// Added to the diagonal of the Gram matrix, so that rows that are nearly alike can be told apart.
-const RIDGE: f32 = 1e-4;
+const RIDGE: f64 = 1e-4;
 
 /// Makes a codec whose latent k is the share of row k (`rows` are [n ≤ 16, dim], unit). Returns the layers of
 /// encoder and decoder.
@@ -20,24 +20,21 @@ pub(super) fn codebook(rows: ArrayView2<'_, f32>) -> Result<(Vec<Linear>, Vec<Li
             "Choose the network codec.",
         ));
     }
-    let gram = rows.dot(&rows.t()) + Array2::<f32>::eye(n) * RIDGE;
-    let layer = |weight: Array2<f32>| Linear { bias: Array1::zeros(weight.nrows()), weight };
-    Ok((vec![layer(solve(gram, rows.to_owned()))], vec![layer(rows.t().to_owned())]))
-}
-
-/// Solves A X = B for a symmetric positive definite A by elimination.
-fn solve(mut a: Array2<f32>, mut b: Array2<f32>) -> Array2<f32> {
-    let n = a.nrows();
-    for k in 0..n {
-        let pivot = a[[k, k]];
-        a.row_mut(k).mapv_inplace(|v| v / pivot);
-        b.row_mut(k).mapv_inplace(|v| v / pivot);
-        let (own_a, own_b) = (a.row(k).to_owned(), b.row(k).to_owned());
-        for i in (0..n).filter(|&i| i != k) {
-            let factor = a[[i, k]];
-            a.row_mut(i).scaled_add(-factor, &own_a);
-            b.row_mut(i).scaled_add(-factor, &own_b);
+    let gram = rows.dot(&rows.t());
+    let gram = |i: usize, j: usize| f64::from(gram[[i, j]]) + if i == j { RIDGE } else { 0.0 };
+    let mut matrix = Symmetric::from_fn(n, gram);
+    let is_solved = matrix.factorize();
+    let mut encoder = rows.to_owned();
+    for mut column in encoder.columns_mut() {
+        let mut shares = column.mapv(f64::from).to_vec();
+        if !is_solved || !matrix.substitute(&mut shares) {
+            return Err(Error::input(
+                "the features are too alike for a codebook",
+                "Choose the network codec.",
+            ));
         }
+        column.iter_mut().zip(shares).for_each(|(weight, share)| *weight = share as f32);
     }
-    b
+    let layer = |weight: Array2<f32>| Linear { bias: Array1::zeros(weight.nrows()), weight };
+    Ok((vec![layer(encoder)], vec![layer(rows.t().to_owned())]))
 }

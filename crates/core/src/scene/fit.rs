@@ -1,6 +1,9 @@
 //! Motion fitted by basis functions of another kind.
 
-use crate::deform::{Deformation, basis};
+use crate::{
+    deform::{Deformation, basis},
+    linear::Symmetric,
+};
 use std::ops::Range;
 
 /// Returns times spread evenly over a recording.
@@ -35,40 +38,15 @@ fn least_squares(deformation: &Deformation, times: &[f32]) -> Vec<Vec<f32>> {
     let d = deformation;
     let value = |t: f32, b: usize| f64::from(basis(d.shape, t, d.centres[b], d.widths[b]));
     let q: Vec<Vec<f64>> = times.iter().map(|t| (0..d.num_bases).map(|b| value(*t, b)).collect()).collect();
-    let gram = |a: usize, b: usize| q.iter().map(|row| row[a] * row[b]).sum::<f64>();
-    let mut gram: Vec<Vec<f64>> =
-        (0..d.num_bases).map(|a| (0..d.num_bases).map(|b| gram(a, b)).collect()).collect();
-    (0..d.num_bases).for_each(|b| gram[b][b] += 1e-6 * times.len() as f64);
-    let rows = q.iter().map(|row| solved(gram.clone(), row.clone()));
-    rows.map(|row| row.into_iter().map(|v| v as f32).collect()).collect()
-}
-
-/// Solves Ax = b for x by elimination, for positive definite A.
-fn solved(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
-    let n = b.len();
-    for k in 0..n {
-        let (above, below) = a.split_at_mut(k + 1);
-        for (row, i) in below.iter_mut().zip(k + 1..) {
-            let factor = row[k] / above[k][k];
-            row.iter_mut().zip(&above[k]).skip(k).for_each(|(v, pivot)| *v -= factor * pivot);
-            b[i] -= factor * b[k];
+    let lambda = |a: usize, b: usize| if a == b { 1e-6 * times.len() as f64 } else { 0.0 };
+    let gram = |a: usize, b: usize| q.iter().map(|row| row[a] * row[b]).sum::<f64>() + lambda(a, b);
+    let mut matrix = Symmetric::from_fn(d.num_bases, gram);
+    let is_solved = matrix.factorize();
+    let solved = |mut row: Vec<f64>| {
+        if !is_solved || !matrix.substitute(&mut row) {
+            row.fill(0.0);
         }
-    }
-    for k in (0..n).rev() {
-        let known: f64 = (k + 1..n).map(|j| a[k][j] * b[j]).sum();
-        b[k] = (b[k] - known) / a[k][k];
-    }
-    b
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_system_of_equations_is_solved() {
-        let x =
-            solved(vec![vec![4.0, 1.0, 0.5], vec![1.0, 3.0, 0.2], vec![0.5, 0.2, 2.0]], vec![7.5, 7.6, 6.9]);
-        assert!(x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{x:?}");
-    }
+        row.into_iter().map(|v| v as f32).collect()
+    };
+    q.into_iter().map(solved).collect()
 }
