@@ -1,18 +1,14 @@
 //! Pictures put together from pictures, for reports.
 
-use image::{DynamicImage, ImageFormat, RgbImage, imageops};
-use surgtpgs_core::{Error, Result};
+use image::{DynamicImage, RgbImage, imageops};
+use surgtpgs_core::{Error, Result, files};
 
 /// Pixels between the pictures of a figure.
 const GAP: u32 = 4;
 
 /// Encodes a picture as PNG.
 pub(crate) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    picture.into().write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
-        Error::input(format!("a picture could not be encoded as PNG: {e}"), "Choose another size.")
-    })?;
-    Ok(bytes.into_inner())
+    files::png(picture, "Choose another size.")
 }
 
 /// Encodes a photograph as JPEG, in a fraction of the bytes.

@@ -4,19 +4,18 @@ use super::{Demo, DemoFrame, DemoSettings, FRAMES_PER_SECOND, classes};
 use crate::{
     Error, Result,
     camera::Camera,
-    files::{is_free_folder, write_whole},
+    files::{is_free_folder, npy, png, write_whole},
     grid::Mask,
     progress::{Observer, Progress},
 };
-use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
-use ndarray::Array3;
-use ndarray_npy::WriteNpyExt;
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma};
 use rayon::prelude::*;
 use serde_json::json;
-use std::{io::Cursor, path::Path};
+use std::path::Path;
 
 /// Size of one count in the depth pictures, in millimetres.
 const DEPTH_SCALE: f32 = 0.005;
+const SIZE_HINT: &str = "Choose another size.";
 
 /// Writes the clip into `folder` as an ordinary sequence folder, creating it. The folder must be
 /// new, empty, or hold the same clip (which is then written again).
@@ -30,7 +29,7 @@ pub fn write(settings: &DemoSettings, folder: &Path, observer: &mut Observer<'_>
     if settings.moving_camera {
         write_missing(&folder.join("transforms.json"), &to_json(&transforms(&demo), folder)?)?;
     }
-    let mask = white_where(&demo.field_of_view(), &folder.join("masks"))?;
+    let mask = white_where(&demo.field_of_view())?;
     let mut tell = |done| Progress::new("recording the demo", done, settings.frames).tell(observer);
     tell(0)?;
     for i in 0..settings.frames {
@@ -76,32 +75,20 @@ fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Res
     pictures.into_par_iter().try_for_each(|(kind, picture)| {
         let path = folder.join(kind).join(format!("{name}.png"));
         // A grid always has width × height values.
-        picture.map_or(Ok(()), |picture| write_missing(&path, &png(&picture, &path)?))
+        picture.map_or(Ok(()), |picture| write_missing(&path, &png(picture, SIZE_HINT)?))
     })?;
     write_missing(&folder.join("masks").join(format!("{name}.png")), mask)?;
     let path = folder.join("motion").join(format!("{name}.npy"));
-    let motion =
-        Array3::from_shape_fn((height as usize, width as usize, 2), |(y, x, c)| frame.motion.at(x, y)[c]);
-    let mut bytes = Vec::new();
-    motion
-        .write_npy(&mut bytes)
-        .map_err(|e| Error::io("encode the motion", &path, std::io::Error::other(e)))?;
-    write_missing(&path, &bytes)
-}
-
-fn png(picture: &DynamicImage, path: &Path) -> Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
-    let encoded = picture.write_to(&mut bytes, ImageFormat::Png);
-    encoded.map_err(|e| Error::io("encode the picture", path, std::io::Error::other(e)))?;
-    Ok(bytes.into_inner())
+    let shape = [height as usize, width as usize, 2];
+    write_missing(&path, &npy(&shape, frame.motion.data.as_flattened(), SIZE_HINT)?)
 }
 
 /// Encodes a picture that is white where `mask` is true.
-fn white_where(mask: &Mask, path: &Path) -> Result<Vec<u8>> {
+fn white_where(mask: &Mask) -> Result<Vec<u8>> {
     let picture = GrayImage::from_fn(mask.width as u32, mask.height as u32, |x, y| {
         Luma([if mask.at(x as usize, y as usize) { 255 } else { 0 }])
     });
-    png(&picture.into(), path)
+    png(picture, SIZE_HINT)
 }
 
 fn to_json(value: &serde_json::Value, folder: &Path) -> Result<Vec<u8>> {

@@ -2,11 +2,10 @@
 
 use super::{Format, Provenance, frame::FrameContent, outline, slugs, yolo};
 use crate::{
-    Error, Result,
+    Error, Result, files,
     grid::{Grid, Mask},
 };
-use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage, Rgba, RgbaImage};
-use ndarray_npy::WriteNpyExt;
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage, Rgba, RgbaImage};
 use rayon::prelude::*;
 
 /// A file before it is written.
@@ -54,12 +53,14 @@ pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
         // Formats that are not per prompt have none, and do not look at it.
         let (mask, scores) = (&frame.masks[prompt.unwrap_or(0)], &frame.scores[prompt.unwrap_or(0)]);
         let bytes = match format {
-            Format::Cutout => png(&cutout(frame.picture, mask).into())?,
-            Format::Binary => png(&binary(mask).into())?,
-            Format::Score => png(&score(scores).into())?,
-            Format::Npy => npy(scores)?,
-            Format::Overlay => png(&frame.overlay().clone().into())?,
-            Format::Index => png(&index(frame).into())?,
+            Format::Cutout => png(cutout(frame.picture, mask))?,
+            Format::Binary => png(binary(mask))?,
+            Format::Score => png(score(scores))?,
+            Format::Npy => {
+                files::npy(&[scores.height, scores.width], &scores.data, "Export another format.")?
+            }
+            Format::Overlay => png(frame.overlay().clone())?,
+            Format::Index => png(index(frame))?,
             Format::Yolo => yolo::labels(frame).into_bytes(),
             Format::Outline => outline::svg(frame).into_bytes(),
             _ => return Err(Error::input("this format has one file about all frames", "")),
@@ -103,21 +104,6 @@ fn score(scores: &Grid<f32>) -> ImageBuffer<Luma<u16>, Vec<u16>> {
     })
 }
 
-fn npy(scores: &Grid<f32>) -> Result<Vec<u8>> {
-    let fail = |e: &dyn std::fmt::Display| {
-        Error::input(format!("scores could not be written as a NumPy array: {e}"), "Export another format.")
-    };
-    let shape = (scores.height, scores.width);
-    let array = ndarray::ArrayView2::from_shape(shape, &scores.data).map_err(|e| fail(&e))?;
-    let mut bytes = Vec::new();
-    array.write_npy(&mut bytes).map_err(|e| fail(&e))?;
-    Ok(bytes)
-}
-
-pub(super) fn png(image: &DynamicImage) -> Result<Vec<u8>> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
-        Error::input(format!("a picture could not be encoded as PNG: {e}"), "Export at the recording's size.")
-    })?;
-    Ok(bytes.into_inner())
+pub(super) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
+    files::png(picture, "Export at the recording's size.")
 }

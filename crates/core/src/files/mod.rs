@@ -9,6 +9,7 @@
 //! A folder that this program fills holds a record of its files, `.surgtpgs`. Only files listed in a
 //! record are ever replaced.
 
+mod encoded;
 mod lock;
 mod output;
 mod output_file;
@@ -19,6 +20,7 @@ mod record;
 mod tests;
 mod whole;
 
+pub use encoded::{npy, png};
 pub use lock::Lock;
 pub use output::{Claim, Earlier, OutputFolder, claim_collection};
 pub use output_file::{FileClaim, OutputFile};

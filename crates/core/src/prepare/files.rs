@@ -4,7 +4,7 @@ use super::origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::{full_path, write_whole},
+    files::{full_path, png, write_whole},
     hash::{require_sha256, sha256},
     meaning::WordFacts,
     reading::{MOST_BYTES, read_regular, values},
@@ -16,7 +16,6 @@ use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::{
     collections::BTreeMap,
-    io::Cursor,
     path::{Component, Path, PathBuf},
     sync::Arc,
 };
@@ -267,12 +266,9 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
     let Some(image) = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, map.data) else {
         return Err(Error::input_at(path, "the region map has the wrong number of pixels", ""));
     };
-    let mut bytes = Cursor::new(Vec::new());
-    DynamicImage::from(image)
-        .write_to(&mut bytes, image::ImageFormat::Png)
-        .map_err(|e| Error::io("write the region map", path, std::io::Error::other(e)))?;
-    write_whole(path, bytes.get_ref())?;
-    Ok(sha256(bytes.get_ref()))
+    let bytes = png(image, "")?;
+    write_whole(path, &bytes)?;
+    Ok(sha256(&bytes))
 }
 
 /// Reads a map that [`write_region_map`] wrote; older folders have no checksum to compare with.

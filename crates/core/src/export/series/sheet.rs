@@ -67,7 +67,7 @@ impl Series for Sheet {
 
     fn finish(self: Box<Self>) -> io::Result<WholeFile> {
         let mut file = self.file;
-        let bytes = pictures::png(&self.picture.into()).map_err(io::Error::other)?;
+        let bytes = pictures::png(self.picture).map_err(io::Error::other)?;
         file.write_all(&bytes)?;
         Ok(file)
     }
