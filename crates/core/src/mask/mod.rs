@@ -169,26 +169,32 @@ pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
     rounded
 }
 
+/// Returns for each pixel of the mask the number of steps (right, left, up, down) to the nearest pixel that
+/// is not in it, or out of the picture; 0 for all others.
+pub(crate) fn depths(mask: &Mask) -> Grid<u32> {
+    let (w, h) = (mask.width, mask.height);
+    let mut depths = mask.map(|inside| if *inside { (w + h) as u32 } else { 0 });
+    let mut step = |i: usize, neighbour: Option<usize>| {
+        let there = neighbour.map_or(0, |n| depths.data[n]);
+        depths.data[i] = depths.data[i].min(there + 1);
+    };
+    for i in (0..w * h).filter(|i| mask.data[*i]) {
+        step(i, (i % w > 0).then(|| i - 1));
+        step(i, i.checked_sub(w));
+    }
+    for i in (0..w * h).rev().filter(|i| mask.data[*i]) {
+        step(i, (i % w + 1 < w).then_some(i + 1));
+        step(i, (i + w < w * h).then_some(i + w));
+    }
+    depths
+}
+
 /// Returns column and row of the pixel of the mask that is farthest from its border, by city-block distance;
 /// the first one of several. Beyond the image there is no mask. `None` for an empty mask.
 pub fn innermost(mask: &Mask) -> Option<(usize, usize)> {
-    let (w, h) = (mask.width, mask.height);
-    let mut depth = vec![0_u32; w * h];
-    for i in (0..w * h).filter(|i| mask.data[*i]) {
-        let left = if i % w > 0 { depth[i - 1] } else { 0 };
-        let above = if i >= w { depth[i - w] } else { 0 };
-        depth[i] = left.min(above) + 1;
-    }
-    let mut best = (0, 0);
-    for i in (0..w * h).rev().filter(|i| mask.data[*i]) {
-        let right = if i % w + 1 < w { depth[i + 1] } else { 0 };
-        let below = if i + w < w * h { depth[i + w] } else { 0 };
-        depth[i] = depth[i].min(right.min(below) + 1);
-        if depth[i] >= best.0 {
-            best = (depth[i], i);
-        }
-    }
-    (best.0 > 0).then(|| (best.1 % w, best.1 / w))
+    let depths = depths(mask);
+    let (i, depth) = depths.data.iter().enumerate().rev().max_by_key(|(_, depth)| **depth)?;
+    (*depth > 0).then(|| (i % mask.width, i / mask.width))
 }
 
 #[cfg(test)]
@@ -253,6 +259,12 @@ mod tests {
         );
         assert_eq!(smoothed(&image, 0), image);
         assert_eq!(smoothed(&Grid::filled(0, 0, true), 2).data.len(), 0);
+    }
+
+    #[test]
+    fn depths_count_steps_to_the_outside() {
+        let depths = depths(&mask(&["#####", "#####", "##.##"]));
+        assert_eq!(depths.data, [1, 1, 1, 1, 1, 1, 2, 1, 2, 1, 1, 1, 0, 1, 1]);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::DenseMap;
 use crate::{
     codec::normalise_rows,
     grid::{Grid, Mask},
+    mask::depths,
 };
 use image::{RgbImage, imageops::FilterType};
 use kodama::{Method, linkage};
@@ -115,28 +116,6 @@ fn groups(rows: &[&[f32]]) -> Vec<Vec<usize>> {
     members.split_off(n).into_iter().rev().collect()
 }
 
-/// Returns for each `true` cell the number of steps (right, left, up, down) to the nearest `false` cell
-/// or out of the picture; 0 for `false`.
-fn depths(part: &Mask) -> Grid<u32> {
-    let far = (part.width + part.height) as u32;
-    let mut depths = part.map(|inside| if *inside { far } else { 0 });
-    let (w, h) = (part.width, part.height);
-    let mut step = |i: usize, neighbour: Option<usize>| {
-        let there = neighbour.map_or(0, |n| depths.data[n]);
-        depths.data[i] = depths.data[i].min(there + 1);
-    };
-    let inside: Vec<usize> = (0..w * h).filter(|&i| part.data[i]).collect();
-    for &i in &inside {
-        step(i, (i % w > 0).then(|| i - 1));
-        step(i, i.checked_sub(w));
-    }
-    for &i in inside.iter().rev() {
-        step(i, (i % w + 1 < w).then_some(i + 1));
-        step(i, (i + w < w * h).then_some(i + w));
-    }
-    depths
-}
-
 /// Returns points deep inside the part and far from each other, in cells.
 fn points_inside(part: &Mask) -> Vec<[f32; 2]> {
     let depths = depths(part);
@@ -160,17 +139,6 @@ fn points_inside(part: &Mask) -> Vec<[f32; 2]> {
 mod tests {
     use super::*;
     use image::Rgb;
-
-    fn part(rows: &[&str]) -> Mask {
-        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
-        Grid::from_vec(rows[0].len(), rows.len(), data)
-    }
-
-    #[test]
-    fn depths_count_steps_to_the_outside() {
-        let depths = depths(&part(&["#####", "#####", "##.##"]));
-        assert_eq!(depths.data, [1, 1, 1, 1, 1, 1, 2, 1, 2, 1, 1, 1, 0, 1, 1]);
-    }
 
     #[test]
     fn points_lie_deep_and_apart() {
