@@ -1,7 +1,7 @@
 //! The autoencoder of LangSplat and of the released code, as their training saves it.
 
 use super::{Codec, mlp::Linear};
-use crate::reading::{is_present, read_regular};
+use crate::reading::weights_beside;
 use ndarray::{Array1, ArrayD, Axis, Ix1, Ix2};
 use safetensors::{Dtype, SafeTensors};
 use std::path::Path;
@@ -10,8 +10,6 @@ use std::path::Path;
 /// `best_ckpt.pth`.
 pub const AUTOENCODER_FILE: &str = "autoencoder.safetensors";
 
-/// Largest size of that file in bytes. Embeddings of 768 numbers take 2 MB.
-const MOST_BYTES: u64 = 1 << 26;
 /// Largest number of a part in either half: the released ones go up to 12.
 const MOST_PARTS: usize = 64;
 /// Added to variances by PyTorch's batch normalisation.
@@ -21,18 +19,7 @@ impl Codec {
     /// Reads the autoencoder beside a `.ply`; `None` if there is none. The error says what is wrong, without
     /// a full stop.
     pub(crate) fn beside(ply: &Path) -> Result<Option<Self>, String> {
-        let path = ply.with_file_name(AUTOENCODER_FILE);
-        if !is_present(&path) {
-            return Ok(None);
-        }
-        let read = read_regular(&path, MOST_BYTES).map_err(|e| e.to_string());
-        let read = read.and_then(|bytes| Self::from_released(&bytes)).map_err(|what| {
-            format!(
-                "{AUTOENCODER_FILE} beside it cannot be read ({what}); make it in Python with \
-                 safetensors.torch.save_file(torch.load(\"best_ckpt.pth\"), \"{AUTOENCODER_FILE}\")"
-            )
-        })?;
-        Ok(Some(read))
+        weights_beside(ply, AUTOENCODER_FILE, "best_ckpt.pth", Self::from_released)
     }
 
     /// Reads safetensors with the parts of two `ModuleList`s, `encoder.0.weight` and so on (method §7). Batch

@@ -5,6 +5,7 @@ mod npy;
 mod number;
 mod picture;
 mod pieces;
+mod weights;
 
 pub use npy::npy;
 pub(crate) use npy::npy_f32;
@@ -12,6 +13,7 @@ pub(crate) use number::NumberType;
 pub(crate) use picture::jpeg;
 pub use picture::{Values, picture, picture_size, values};
 pub(crate) use pieces::{Piece, Pieces, PiecesReader};
+pub(crate) use weights::weights_beside;
 
 use std::{
     fs::File,

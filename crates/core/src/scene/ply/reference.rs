@@ -11,7 +11,7 @@ use crate::{
         BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, SCALE_CHANNEL, num_channels, stride_for,
     },
     gaussian::MAX_SH_BANDS,
-    reading::{is_present, read_regular},
+    reading::weights_beside,
     scene::{Problem, RELEASED_BASES as BASES, Scene, still::camera_at_origin},
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -35,8 +35,6 @@ const BIAS: &str = "conv_beta.bias";
 /// Weights that the released code loads and never uses.
 const UNUSED: [&str; 2] = ["conv_alpha.weight", "conv_alpha.bias"];
 
-/// Largest size of that file in bytes; it needs less than a thousand.
-const MOST_BYTES: u64 = 1 << 20;
 /// Beginning of the comment that holds the weights.
 const WEIGHTS_COMMENT: &str = "lang_deformation";
 
@@ -52,19 +50,7 @@ pub struct ReferenceWeights {
 impl ReferenceWeights {
     /// Reads the weights beside a `.ply`; `None` if there are none.
     pub(in crate::scene) fn beside(ply: &Path) -> Result<Option<Self>, Problem> {
-        let path = ply.with_file_name(LANG_DEFORMATION_FILE);
-        if !is_present(&path) {
-            return Ok(None);
-        }
-        let read = read_regular(&path, MOST_BYTES)
-            .map_err(|e| e.to_string())
-            .and_then(|bytes| Self::from_bytes(&bytes));
-        read.map(Some).map_err(|what| {
-            format!(
-                "{LANG_DEFORMATION_FILE} beside it cannot be read ({what}); make it in Python with \
-                 safetensors.torch.save_file(torch.load(\"lang_deformation.pth\"), \"{LANG_DEFORMATION_FILE}\")"
-            )
-        })
+        weights_beside(ply, LANG_DEFORMATION_FILE, "lang_deformation.pth", Self::from_bytes)
     }
 
     /// Reads the weights from safetensors with `conv_beta.weight` [3, 4, 1] and `conv_beta.bias` [3], the
