@@ -1,6 +1,7 @@
 //! Facts that tell a recording from others, kept beside its results.
 
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::{
@@ -28,7 +29,7 @@ pub(super) struct RecordingFacts {
     pub(super) identity: Option<Identity>,
 }
 
-/// Most bytes of a file of facts: that of some million frames.
+/// Most bytes of a file beside results: facts of some million frames.
 const MOST_BYTES: u64 = 1 << 28;
 
 impl RecordingFacts {
@@ -55,21 +56,26 @@ impl RecordingFacts {
     }
 
     pub(super) fn read(folder: &Path) -> Result<Option<Self>> {
-        let path = Self::file(folder);
-        let text = match read_regular(&path, MOST_BYTES) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            text => text.map_err(|e| Error::io("read what was done", &path, e))?,
-        };
-        serde_json::from_slice(&text).map(Some).map_err(|e| {
-            let what = format!("this does not say which recording the folder is of: {e}");
-            Error::input_at(&path, what, "Remove the recording's folder to do it again.")
-        })
+        read_json(&Self::file(folder), "this does not say which recording the folder is of")
     }
 
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).unwrap_or_default() + "\n";
         write_whole(&Self::file(folder), text.as_bytes())
     }
+}
+
+/// Reads a file of JSON beside the results of a recording; `None` if there is none. `not_such` says what is
+/// wrong if the file cannot be understood.
+pub(super) fn read_json<T: DeserializeOwned>(path: &Path, not_such: &str) -> Result<Option<T>> {
+    let text = match read_regular(path, MOST_BYTES) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        text => text.map_err(|e| Error::io("read what was done", path, e))?,
+    };
+    serde_json::from_slice(&text).map(Some).map_err(|e| {
+        let hint = "Remove the recording's folder to do it again.";
+        Error::input_at(path, format!("{not_such}: {e}"), hint)
+    })
 }
 
 /// Returns the paths of a recording, of its settings files, and of the labels that these name. They may lie

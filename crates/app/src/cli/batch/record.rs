@@ -1,15 +1,13 @@
 //! Records of steps: a small file beside each result, from which a later run sees what is still to be done.
 
 use super::{
-    facts::{RecordingFacts, listing},
+    facts::{RecordingFacts, listing, read_json},
     plan::{BatchJob, Task},
     steps::Step,
 };
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{
-    Error, Result, files::write_whole, prepare::Prepared, reading::read_text, sequence::Identity,
-};
+use surgtpgs_core::{Error, Result, files::write_whole, prepare::Prepared, sequence::Identity};
 
 /// Record of how a step went.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -66,15 +64,7 @@ impl Record {
     }
 
     fn read(folder: &Path, step: Step) -> Result<Option<Self>> {
-        let path = path(folder, step);
-        let text = match read_text(&path) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            text => text.map_err(|e| Error::io("read what was done", &path, e))?,
-        };
-        serde_json::from_str(&text).map(Some).map_err(|e| {
-            let what = format!("this is no record of a step: {e}");
-            Error::input_at(&path, what, "Remove the recording's folder to do it again.")
-        })
+        read_json(&path(folder, step), "this is no record of a step")
     }
 }
 
