@@ -1,5 +1,6 @@
 //! Pinhole cameras: OpenCV axes (x right, y down, z forward), pixel centres at +0.5.
 
+use crate::num::finite_percentile;
 use glam::{Affine3A, Quat, Vec3};
 
 /// Longest side of an image, in pixels.
@@ -113,6 +114,13 @@ impl Camera {
     pub fn project(&self, point_in_world: Vec3) -> Option<(f32, f32, f32)> {
         let p = self.camera_from_world.transform_point3(point_in_world);
         (p.z > 0.0).then(|| (self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy, p.z))
+    }
+
+    /// Returns the `q`-th percentile of the depths of those points that are before the camera; `None` if none
+    /// is.
+    pub(crate) fn depth_percentile(&self, points_in_world: &[[f32; 3]], q: f64) -> Option<f32> {
+        let depth = |p: &[f32; 3]| self.camera_from_world.transform_point3(Vec3::from(*p)).z;
+        finite_percentile(points_in_world.iter().map(depth).filter(|z| *z > 0.0), q)
     }
 
     /// Returns the position of the camera in the world.

@@ -33,16 +33,20 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 /// The `q`-th percentile (0–100) by linear interpolation, as NumPy's default; `None` if empty. NaN must
-/// be filtered out before the call.
+/// be filtered out before the call, which changes the order of the values.
 pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {
-    if values.is_empty() {
-        return None;
-    }
-    values.sort_unstable_by(f32::total_cmp);
-    let position = q.clamp(0.0, 100.0) / 100.0 * (values.len() - 1) as f64;
-    let (low, high) = (position.floor() as usize, position.ceil() as usize);
-    let (a, b) = (f64::from(values[low]), f64::from(values[high]));
-    Some((a + (b - a) * (position - low as f64)) as f32)
+    let last = values.len().checked_sub(1)?;
+    let position = q.clamp(0.0, 100.0) / 100.0 * last as f64;
+    let (_, low, above) = values.select_nth_unstable_by(position as usize, f32::total_cmp);
+    let (low, share) = (*low, position.fract());
+    let next = above.iter().copied().filter(|_| share > 0.0).min_by(f32::total_cmp).unwrap_or(low);
+    let (low, next) = (f64::from(low), f64::from(next));
+    Some((low + (next - low) * share) as f32)
+}
+
+/// The [`percentile`] of those values that are finite; `None` if none is.
+pub fn finite_percentile(values: impl Iterator<Item = f32>, q: f64) -> Option<f32> {
+    percentile(&mut values.filter(|v| v.is_finite()).collect::<Vec<_>>(), q)
 }
 
 /// The median; the mean of the two middle values of an even number. `None` if empty. NaN must be filtered out
@@ -72,6 +76,8 @@ mod tests {
         assert_eq!(percentile(&mut [4.0, 1.0, 2.0, 3.0], 50.0), Some(2.5));
         assert_eq!(percentile(&mut [1.0, 2.0, 3.0, 4.0, 5.0], 3.0), Some(1.12));
         assert_eq!(percentile(&mut [], 50.0), None);
+        assert_eq!(percentile(&mut [f32::INFINITY, 2.0, 1.0], 50.0), Some(2.0));
+        assert_eq!(finite_percentile([f32::NAN, 3.0, f32::INFINITY, 1.0].into_iter(), 50.0), Some(2.0));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::depth::SAMPLES;
 use crate::{
     Result,
     camera::Camera,
-    num::percentile,
+    num::finite_percentile,
     poses::{self, ScopePath, Timeline, Verdict},
     progress::Observer,
     sequence::{Sequence, pace, shots},
@@ -179,7 +179,7 @@ fn centred(scales: Vec<f32>) -> Vec<f32> {
 
 /// Returns the median of the finite values.
 fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
-    percentile(&mut values.filter(|v| v.is_finite()).collect::<Vec<_>>(), 50.0)
+    finite_percentile(values, 50.0)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use crate::{
     gaussian::Gaussians,
     grid::Grid,
     meaning::WordFacts,
-    num::percentile,
+    num::finite_percentile,
 };
 use glam::{Affine3A, Vec3};
 
@@ -68,9 +68,10 @@ impl Scene {
 /// Returns a camera in front of the Gaussians (y points down, z away from it) that has most of them in view.
 pub(super) fn camera_before(means: &[[f32; 3]]) -> Camera {
     let mut camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
-    let end = |axis: usize, percent| typical(means.iter().map(|m| m[axis]), percent).unwrap_or(0.0);
+    let end = |axis: usize, percent| finite_percentile(means.iter().map(|m| m[axis]), percent).unwrap_or(0.0);
     let middle = Vec3::from([0, 1, 2].map(|axis| 0.5 * (end(axis, 100.0 - IN_VIEW) + end(axis, IN_VIEW))));
-    let radius = typical(means.iter().map(|m| Vec3::from(*m).distance(middle)), IN_VIEW).unwrap_or(1.0);
+    let radius =
+        finite_percentile(means.iter().map(|m| Vec3::from(*m).distance(middle)), IN_VIEW).unwrap_or(1.0);
     // The angle of a ball, so that it fits the shorter side.
     let half_angle = (0.5 * camera.height as f32 / camera.fy).atan();
     let distance = radius.max(1e-3) / half_angle.sin();
@@ -85,17 +86,13 @@ pub(super) fn camera_at_origin(means: &[[f32; 3]]) -> Camera {
     let aspect = camera.width as f32 / camera.height as f32;
     let slopes =
         means.iter().filter(|m| m[2] > 0.0).map(|[x, y, z]| (x / z).abs().max(aspect * (y / z).abs()));
-    match typical(slopes, IN_VIEW) {
+    match finite_percentile(slopes, IN_VIEW) {
         Some(slope) if slope > 1e-3 => {
             let fov = 2.0 * slope.min(10.0).atan().to_degrees();
             Camera::with_field_of_view(PICTURE.0, PICTURE.1, fov)
         }
         _ => camera_before(means),
     }
-}
-
-fn typical(values: impl Iterator<Item = f32>, percent: f64) -> Option<f32> {
-    percentile(&mut values.filter(|v| v.is_finite()).collect::<Vec<_>>(), percent)
 }
 
 #[cfg(test)]

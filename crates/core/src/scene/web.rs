@@ -16,12 +16,10 @@ use crate::{
     camera::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
     deform::{BasisShape, COLOUR_CHANNEL, Deformation},
     export::{USUAL_SPEED, intended_use},
-    num::percentile,
     raster::{DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, NEAR},
     sequence::shown_for,
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use glam::Vec3;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
@@ -192,10 +190,8 @@ impl Scene {
 
     /// Returns the median depth of what is before the first camera; views are turned around it.
     fn typical_depth(&self) -> f32 {
-        let Some(camera) = self.cameras.first() else { return 1.0 };
-        let depth = |m: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*m)).z;
-        let seen = self.gaussians.means.iter().map(depth).filter(|z| *z > NEAR && z.is_finite());
-        percentile(&mut seen.collect::<Vec<_>>(), 50.0).unwrap_or(1.0)
+        let camera = self.cameras.first();
+        camera.and_then(|camera| camera.depth_percentile(&self.gaussians.means, 50.0)).unwrap_or(1.0)
     }
 }
 

@@ -11,7 +11,6 @@ use crate::{
     camera::{Camera, Twist},
     deform::deform,
     metrics::psnr_db,
-    num::percentile,
     raster::{
         Images, Packed,
         backward::raster_backward_with,
@@ -23,7 +22,6 @@ use crate::{
     scene::Scene,
     sequence::Sequence,
 };
-use glam::Vec3;
 
 /// Number of steps of a fit.
 const STEPS: usize = 80;
@@ -83,7 +81,5 @@ pub fn fit_camera(scene: &Scene, sequence: &Sequence, i: usize) -> Result<Camera
 
 /// Returns the median depth of the points in front of a camera, scene units; 1 if there are none.
 pub(super) fn median_depth(means: &[[f32; 3]], camera: &Camera) -> f32 {
-    let depth = |mean: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*mean)).z;
-    let mut depths: Vec<f32> = means.iter().map(depth).filter(|z| *z > 0.0).collect();
-    percentile(&mut depths, 50.0).unwrap_or(1.0)
+    camera.depth_percentile(means, 50.0).unwrap_or(1.0)
 }

@@ -24,6 +24,7 @@ use surgtpgs_core::{
     Error, Result,
     grid::{Grid, Mask},
     mask::mean_scores,
+    num::finite_percentile,
 };
 
 /// Number of frames that are prepared ahead of the shown one.
@@ -472,7 +473,7 @@ impl Pipeline {
             }
             Layer::Motion => {
                 let (values, note) = self.source.motion(view)?;
-                let top = *self.motion_top.get_or_insert_with(|| percentile(&values, 0.98).max(1.0));
+                let top = *self.motion_top.get_or_insert_with(|| percentile(&values, 98.0).max(1.0));
                 (Arc::new(values), (0.0, top), note)
             }
             Layer::Opacity => (Arc::new(self.source.opacity(view)?), (0.0, 1.0), String::new()),
@@ -487,17 +488,15 @@ impl Pipeline {
         if self.depth_range.is_none() {
             let depth = self.rendered.back().and_then(|r| r.depth.as_ref());
             let depth = depth.filter(|d| d.data.iter().any(|z| *z > 0.0));
-            self.depth_range = depth.map(|d| (percentile(d, 0.02), percentile(d, 0.98)));
+            self.depth_range = depth.map(|d| (percentile(d, 2.0), percentile(d, 98.0)));
         }
         self.depth_range.unwrap_or((0.0, 1.0))
     }
 }
 
-/// Returns the value that the given share of the values above 0 does not exceed; 0 if there are none.
-fn percentile(values: &Grid<f32>, share: f32) -> f32 {
-    let mut known: Vec<f32> = values.data.iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
-    let at = ((known.len() as f32 - 1.0) * share).max(0.0) as usize;
-    if known.is_empty() { 0.0 } else { *known.select_nth_unstable_by(at, f32::total_cmp).1 }
+/// Returns the percentile of the values above 0; 0 if there are none.
+fn percentile(values: &Grid<f32>, q: f64) -> f32 {
+    finite_percentile(values.data.iter().copied().filter(|v| *v > 0.0), q).unwrap_or(0.0)
 }
 
 /// Stages that a request needs.

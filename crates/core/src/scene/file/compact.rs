@@ -8,11 +8,9 @@
 
 use crate::{
     deform::{COLOUR_CHANNEL, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, num_channels},
-    num::percentile,
     scene::{Problem, Scene},
 };
 use flate2::read::ZlibDecoder;
-use glam::Vec3;
 use miniz_oxide::deflate::core::{
     CompressionStrategy, CompressorOxide, TDEFLFlush, TDEFLStatus, compress_to_output,
     create_comp_flags_from_zip_params,
@@ -90,10 +88,8 @@ impl Steps {
 /// Returns the size of a pixel in scene units, for Gaussians that are nearer than most.
 fn pixel_size(scene: &Scene) -> f32 {
     let Some(camera) = scene.cameras.first() else { return 1.0 };
-    let depth = |m: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*m)).z;
-    let mut depths: Vec<f32> =
-        scene.gaussians.means.iter().map(depth).filter(|z| *z > 0.0 && z.is_finite()).collect();
-    percentile(&mut depths, 25.0).unwrap_or(1.0) / camera.fx.max(camera.fy)
+    let depth = camera.depth_percentile(&scene.gaussians.means, 25.0);
+    depth.unwrap_or(1.0) / camera.fx.max(camera.fy)
 }
 
 /// Returns the cosine transform of `n` values as a matrix of rows, whose transpose undoes it
