@@ -4,13 +4,13 @@ use crate::viewer::{
     action::Action,
     backend::{
         Backend,
-        paths::{PathAsk, PathKind, Picked},
+        paths::{PathAsk, PathKind},
         ranges::included,
-        task::{Task, TaskEvent},
     },
     panels::{
         folder::free_folder,
-        widgets::{self, NO_DIALOG, caption, choice, main_button, palette_ui, path_field},
+        picking::Picking,
+        widgets::{self, caption, choice, main_button, palette_ui, path_field},
     },
     shared::{Dialog, Shared},
     state::{content::Prompt, view_mode::ViewMode},
@@ -49,9 +49,7 @@ struct Export {
     name: String,
     last_frame: usize,
     has_original: bool,
-    picking: Option<Task<Picked>>,
-    /// `true` if the system turned out to have no file dialog.
-    has_no_dialog: bool,
+    picking: Picking,
 }
 
 /// The export dialog.
@@ -97,20 +95,14 @@ impl Export {
             name: info.name.clone(),
             last_frame: info.num_frames.saturating_sub(1),
             has_original: info.has_original,
-            picking: None,
-            has_no_dialog: false,
+            picking: Picking::default(),
         })
     }
 
     /// Takes the answer of the system's dialog.
     fn poll(&mut self) {
-        if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
-            self.picking = None;
-            match result {
-                Ok(Picked::Path(folder)) => self.request.folder = folder_in(&folder, &self.name),
-                Ok(Picked::Unavailable) => self.has_no_dialog = true,
-                _ => {}
-            }
+        if let Some(folder) = self.picking.poll() {
+            self.request.folder = folder_in(&folder, &self.name);
         }
     }
 
@@ -121,8 +113,7 @@ impl Export {
 
     fn pick_folder(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
         let title = "Export into this folder".to_owned();
-        let ask = PathAsk { title, kind: PathKind::Folder, folder: None };
-        self.picking = Some(Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask))));
+        self.picking.ask(PathAsk { title, kind: PathKind::Folder, folder: None }, backend, ctx);
     }
 }
 
@@ -183,15 +174,12 @@ fn asking_ui(
     ui.separator();
     frames_ui(ui, export);
     ui.horizontal(|ui| {
-        let can_pick = export.picking.is_none() && !export.has_no_dialog;
-        if ui.add_enabled(can_pick, egui::Button::new("Folder…")).clicked() {
+        if export.picking.button_ui(ui, "Folder…").clicked() {
             export.pick_folder(backend.clone(), &ui.ctx().clone());
         }
         path_field(ui, "Folder of the export", &mut export.request.folder);
     });
-    if export.has_no_dialog {
-        ui.label(caption(NO_DIALOG));
-    }
+    export.picking.note_ui(ui);
     ui.add_space(10.0);
     let (frames, ExportRequest { options, questions, .. }) = (export.frames(), &export.request);
     let is_apart = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);

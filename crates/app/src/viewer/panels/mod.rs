@@ -23,6 +23,7 @@ mod outlines;
 mod panes;
 mod phases;
 mod picker;
+mod picking;
 mod plates;
 mod probe;
 mod prompt_menu;

@@ -3,14 +3,17 @@
 use crate::viewer::{
     backend::{
         Backend, ModelFaults, Models, Words,
-        paths::{PathAsk, PathKind, Picked},
+        paths::{PathAsk, PathKind},
         task::{Task, TaskEvent},
     },
-    panels::widgets::{NO_DIALOG, caption, choice, path_field},
+    panels::{
+        picking::Picking,
+        widgets::{caption, choice, path_field},
+    },
     remedy::message,
     theme,
 };
-use egui::{Button, Context, RichText, Ui};
+use egui::{Context, RichText, Ui};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -23,9 +26,9 @@ pub(crate) struct ModelsForm {
     check: Option<(Models, Task<ModelFaults>)>,
     /// Latest result, with what it is about.
     checked: Option<(Models, Result<ModelFaults, String>)>,
-    /// Dialog of the system that is open, and the field that it is for.
-    picking: Option<(Task<Picked>, usize)>,
-    has_no_dialog: bool,
+    picking: Picking,
+    /// The field that a folder is picked for.
+    picked_field: usize,
 }
 
 /// Numbers of points along each side of a picture, with their names.
@@ -37,7 +40,7 @@ const DENSITIES: [(usize, &str, &str); 3] = [
 
 impl ModelsForm {
     pub(crate) fn new(chosen: Models) -> Self {
-        Self { chosen, check: None, checked: None, picking: None, has_no_dialog: false }
+        Self { chosen, check: None, checked: None, picking: Picking::default(), picked_field: 0 }
     }
 
     /// Returns `true` if networks were chosen before.
@@ -47,14 +50,8 @@ impl ModelsForm {
 
     /// Takes the results of the threads, and checks what has changed.
     fn update(&mut self, backend: &Arc<dyn Backend>, ctx: &Context) {
-        if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(|(task, _)| task.poll())
-            && let Some((_, field)) = self.picking.take()
-        {
-            match result {
-                Ok(Picked::Path(folder)) => *self.field(field) = folder,
-                Ok(Picked::Unavailable) => self.has_no_dialog = true,
-                _ => {}
-            }
+        if let Some(folder) = self.picking.poll() {
+            *self.field(self.picked_field) = folder;
         }
         if let Some(TaskEvent::Done(result)) = self.check.as_mut().and_then(|(_, task)| task.poll())
             && let Some((about, _)) = self.check.take()
@@ -87,8 +84,8 @@ impl ModelsForm {
 
     fn pick(&mut self, field: usize, title: &str, backend: Arc<dyn Backend>, ctx: &Context) {
         let ask = PathAsk { title: title.to_owned(), kind: PathKind::Folder, folder: None };
-        let task = Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask)));
-        self.picking = Some((task, field));
+        self.picking.ask(ask, backend, ctx);
+        self.picked_field = field;
     }
 }
 
@@ -158,8 +155,7 @@ fn models_ui(ui: &mut Ui, form: &mut ModelsForm, backend: &Arc<dyn Backend>) -> 
     for (index, (title, name, fault, is_needed)) in rows.into_iter().enumerate() {
         ui.label(caption(title));
         ui.horizontal(|ui| {
-            let can_pick = form.picking.is_none() && !form.has_no_dialog;
-            let button = ui.add_enabled(can_pick, Button::new("Choose…"));
+            let button = form.picking.button_ui(ui, "Choose…");
             if button.on_hover_text(name).clicked() {
                 form.pick(index, name, backend.clone(), ui.ctx());
             }
@@ -170,9 +166,7 @@ fn models_ui(ui: &mut Ui, form: &mut ModelsForm, backend: &Arc<dyn Backend>) -> 
             ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
         }
     }
-    if form.has_no_dialog {
-        ui.label(caption(NO_DIALOG));
-    }
+    form.picking.note_ui(ui);
     ui.horizontal_wrapped(|ui| {
         ui.label(caption("Regions"));
         let options = DENSITIES.map(|(points, label, tip)| (points, label, tip.to_owned(), true));

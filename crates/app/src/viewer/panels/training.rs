@@ -4,14 +4,14 @@ use crate::viewer::{
     action::Action,
     backend::{
         Backend, TrainRequest, Words, free_scene_path,
-        paths::{PathAsk, PathKind, Picked},
-        task::{Task, TaskEvent},
+        paths::{PathAsk, PathKind},
     },
     command::{Command, entry},
     panels::{
         loss_curve::loss_curve_ui,
         models::{ModelsForm, words_ui},
-        widgets::{Icon, NO_DIALOG, caption, choice, dialog, icon_button, main_button, path_field},
+        picking::Picking,
+        widgets::{Icon, caption, choice, dialog, icon_button, main_button, path_field},
     },
     shared::{Dialog, Shared},
     state::reconstruction::Training,
@@ -41,9 +41,7 @@ struct Asked {
     chapters: usize,
     /// The networks to choose, and their check.
     models: ModelsForm,
-    picking: Option<Task<Picked>>,
-    /// `true` if the system turned out to have no file dialog.
-    has_no_dialog: bool,
+    picking: Picking,
 }
 
 impl Asked {
@@ -70,20 +68,14 @@ impl Asked {
             expected_seconds: Quality::ALL
                 .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
             models,
-            picking: None,
-            has_no_dialog: false,
+            picking: Picking::default(),
         })
     }
 
     /// Takes the path that the user picked.
     fn poll(&mut self) {
-        if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
-            self.picking = None;
-            match result {
-                Ok(Picked::Path(path)) => self.request.scene = path.with_extension("safetensors"),
-                Ok(Picked::Unavailable) => self.has_no_dialog = true,
-                _ => {}
-            }
+        if let Some(path) = self.picking.poll() {
+            self.request.scene = path.with_extension("safetensors");
         }
     }
 
@@ -94,7 +86,7 @@ impl Asked {
             kind: PathKind::Save(name, "Reconstructions"),
             folder: self.request.scene.parent().map(Path::to_owned),
         };
-        self.picking = Some(Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask))));
+        self.picking.ask(ask, backend, ctx);
     }
 }
 
@@ -329,15 +321,12 @@ fn asked_ui(
     }
     ui.add_space(4.0);
     ui.horizontal(|ui| {
-        let can_pick = asked.picking.is_none() && !asked.has_no_dialog;
-        if ui.add_enabled(can_pick, egui::Button::new("Save as…")).clicked() {
+        if asked.picking.button_ui(ui, "Save as…").clicked() {
             asked.pick(backend.clone(), ui.ctx());
         }
         path_field(ui, "File of the reconstruction", &mut asked.request.scene);
     });
-    if asked.has_no_dialog {
-        ui.label(caption(NO_DIALOG));
-    }
+    asked.picking.note_ui(ui);
     ui.add_space(10.0);
     ui.horizontal(|ui| {
         let label = if waits { "Start after the others" } else { "Start" };

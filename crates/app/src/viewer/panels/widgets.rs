@@ -272,8 +272,6 @@ pub(crate) fn main_button(text: &str) -> egui::Button<'_> {
 
 /// Message where the depth of the reconstruction was not measured.
 pub(crate) const GUESSED: &str = "The shape is guessed";
-/// Message where the system has no file dialog.
-pub(crate) const NO_DIALOG: &str = "This computer shows no file dialog: type the path into the field.";
 
 /// Shows a field to type a path into, as wide as there is room.
 pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf) {
