@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     action::Action,
-    panels::widgets::{Icon, caption, dialog, icon_button, main_button},
+    panels::widgets::{caption, dialog, main_button, removable_row},
     shared::{Dialog, Shared},
     theme,
 };
@@ -73,18 +73,14 @@ impl ComparisonDialog {
 
 fn phrases_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     for (index, phrase) in shared.document.comparison().phrases.iter().enumerate() {
-        ui.horizontal(|ui| {
+        let is_removed = removable_row(ui, &phrase.text, "phrase", |ui| {
             let mut is_on = phrase.is_on;
             if ui.checkbox(&mut is_on, &phrase.text).changed() {
                 actions.push(Action::edit(move |d| d.toggle_phrase(index)));
             }
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                let name = format!("Remove {}", phrase.text);
-                let tip = "Remove this phrase (undo brings it back)";
-                if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
-                    actions.push(Action::edit(move |d| d.remove_phrase(index)));
-                }
-            });
         });
+        if is_removed {
+            actions.push(Action::edit(move |d| d.remove_phrase(index)));
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     action::Action,
-    panels::widgets::{Icon, caption, colour_button, icon_button},
+    panels::widgets::{caption, colour_button, removable_row},
     shared::Shared,
     state::content::{Prompt, PromptId},
     theme,
@@ -94,17 +94,12 @@ fn but_not_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
         actions.push(Action::edit(move |d| d.set_but_not(id, &split_words(&words))));
     }
     for (index, not_like) in prompt.not_like.iter().enumerate() {
-        ui.horizontal(|ui| {
+        let is_removed = removable_row(ui, &not_like.name, "point", |ui| {
             ui.label(caption(format!("nor {}", not_like.name)));
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                let name = format!("Remove {}", not_like.name);
-                let tip = "Remove this point (undo brings it back)";
-                if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
-                    let id = prompt.id;
-                    actions.push(Action::edit(move |d| d.remove_not_like(id, index)));
-                }
-            });
         });
+        if is_removed {
+            actions.push(Action::edit(move |d| d.remove_not_like(id, index)));
+        }
     }
 }
 

@@ -38,6 +38,20 @@ pub(crate) fn command_button(ui: &mut Ui, shared: &Shared, icon: Icon, of: Comma
     icon_button(ui, icon, label, &shared.tooltip(of), is_on, true).clicked()
 }
 
+/// Shows a row with a button at its end that removes it: a `what`, such as a phrase, called `name`. Returns
+/// `true` if the button was clicked.
+pub(crate) fn removable_row(ui: &mut Ui, name: &str, what: &str, content: impl FnOnce(&mut Ui)) -> bool {
+    let row = ui.horizontal(|ui| {
+        content(ui);
+        let button = ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let tip = format!("Remove this {what} (undo brings it back)");
+            icon_button(ui, Icon::Cross, &format!("Remove {name}"), &tip, false, true)
+        });
+        button.inner.clicked()
+    });
+    row.inner
+}
+
 /// Shows a square button with an icon; `label` is its name for users who cannot see it.
 pub(crate) fn icon_button(
     ui: &mut Ui,
