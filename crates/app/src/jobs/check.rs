@@ -2,15 +2,13 @@
 
 use surgtpgs_core::{
     Error, Result,
-    poses::{self, Timeline, Verdict},
+    poses::{self, ANY_DEPTH, Timeline, Verdict},
     progress::Observer,
     sequence::{self, CheckReport, Sequence},
 };
 
 /// Number of frames that a scope's motion is judged by at most; a frame takes some 50 ms.
 const LOOKED_AT: usize = 96;
-/// Depth that points are taken to have; the judgement does not depend on it.
-const ANY_DEPTH: f32 = 100.0;
 
 /// Checks a recording, and judges if its scope moves where nothing is known of that.
 ///

@@ -20,3 +20,6 @@ pub(crate) use reader::{DicomFile, is_dicom, read};
 pub(crate) use segmentation::{Segment, Segmentation};
 pub(crate) use set::{Set, Value};
 pub(crate) use writer::{Vr, Writer};
+
+/// Length of a value, a sequence or an item whose end is marked instead.
+const UNDEFINED: u32 = u32::MAX;

@@ -2,7 +2,7 @@
 //! that memory depends on what is kept. What is kept is never larger than the file.
 
 use super::{
-    LeftUnread,
+    LeftUnread, UNDEFINED,
     set::{Set, Value},
     tag::{self, Tag},
     uid,
@@ -20,8 +20,6 @@ use std::{
 /// Bytes before the mark of a file, and the mark.
 const PREAMBLE: usize = 128;
 const MAGIC: &[u8; 4] = b"DICM";
-/// Length of a value whose end is marked instead.
-const UNDEFINED: u32 = u32::MAX;
 /// Most sequences within each other.
 const DEEPEST: usize = 16;
 

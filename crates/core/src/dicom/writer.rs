@@ -1,6 +1,6 @@
 //! Writing of data elements in the transfer syntax Explicit VR Little Endian (PS3.5, 7.1 and 7.5).
 
-use super::{tag, tag::Tag, uid};
+use super::{UNDEFINED, tag, tag::Tag, uid};
 use std::io::{self, Write};
 
 /// Type of a value (PS3.5, 6.2).
@@ -44,8 +44,6 @@ impl Vr {
 
 /// First identifier of what wrote a file; the version follows.
 const IMPLEMENTATION: &str = "SURGTPGS";
-/// Length of a sequence or an item whose end is marked.
-const UNDEFINED: u32 = u32::MAX;
 
 /// A data set that is being written.
 pub(crate) struct Writer<W> {

@@ -5,7 +5,7 @@ use crate::grid::Grid;
 use rayon::prelude::*;
 
 /// Number of pixels in a word.
-pub(super) const WORD: usize = u64::BITS as usize;
+pub(crate) const WORD: usize = u64::BITS as usize;
 
 /// The mask, row by row in whole words; bits beyond the last column are 0.
 #[derive(Clone, Debug, PartialEq)]

@@ -14,7 +14,7 @@ pub use contour::{Corner, contours};
 pub use region::Region;
 pub use rle::{Runs, column_runs, compressed, decompressed};
 
-pub(crate) use bits::{Bits, set_bits};
+pub(crate) use bits::{Bits, WORD, set_bits};
 pub(crate) use parts::{Run, Touching, area, parts};
 
 use crate::grid::{Grid, Mask};

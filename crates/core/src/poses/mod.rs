@@ -223,6 +223,9 @@ pub struct Timeline<'a> {
     pub times: &'a [f32],
 }
 
+/// Typical depth for an estimate of which only what does not depend on its scale is used.
+pub const ANY_DEPTH: f32 = 100.0;
+
 /// Estimates the path of a recording's camera. Only `timeline.frames` are read; the poses of others lie
 /// between those of their neighbours in time.
 ///

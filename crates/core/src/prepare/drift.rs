@@ -7,7 +7,7 @@ use crate::{
     Result,
     camera::Camera,
     num::finite_percentile,
-    poses::{self, ScopePath, Timeline, Verdict},
+    poses::{self, ANY_DEPTH, ScopePath, Timeline, Verdict},
     progress::Observer,
     sequence::{Sequence, pace, shots},
 };
@@ -18,8 +18,6 @@ use std::ops::Range;
 const REFERENCES: usize = 48;
 /// Number of neighbouring frames by which the motion of a scope is judged at once.
 const STRETCH: usize = 96;
-/// Depth that points are taken to have: scales do not depend on it.
-const ANY_DEPTH: f32 = 100.0;
 /// Fewest points that tell the scale of a frame.
 const FEWEST_POINTS: usize = 12;
 

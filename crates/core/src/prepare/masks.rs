@@ -13,7 +13,7 @@ use crate::{
     grid::Mask,
     num,
     progress::{Observer, Progress},
-    segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
+    segment::{BitMask, FINDING_MASKS, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
     sequence::Sequence,
 };
 use image::RgbImage;
@@ -22,9 +22,6 @@ use std::{
     ops::Range,
     path::{Path, PathBuf},
 };
-
-/// Stage of making masks in its progress.
-const STAGE: &str = "finding masks";
 
 /// The features of one frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -228,12 +225,12 @@ impl MaskStore<'_> {
             let keep = self.sequence.mask(i)?;
             let mut within = |of_frame: &Progress<'_>| {
                 let detail = format!("point {} of {}", of_frame.done, of_frame.total);
-                observer(&Progress { detail: &detail, ..Progress::new(STAGE, done, frames.len()) })
+                observer(&Progress { detail: &detail, ..Progress::new(FINDING_MASKS, done, frames.len()) })
             };
             automatic_masks(segmenter, &image, &keep, self.settings, &mut within)?
                 .save(&self.mask_file(i), &key)?;
         }
-        Progress::new(STAGE, frames.len(), frames.len()).tell(observer)
+        Progress::new(FINDING_MASKS, frames.len(), frames.len()).tell(observer)
     }
 
     /// Returns the features of frame `i` from its masks of `level`, which must have been made. `encoder`

@@ -1,6 +1,7 @@
 //! Still Gaussians as binary glTF with the extension `KHR_gaussian_splatting`; viewers that do not
 //! support it show coloured points.
 
+use super::GENERATOR;
 use crate::{
     camera::Camera,
     gaussian::{Gaussians, SH_C0},
@@ -16,8 +17,6 @@ const UNSIGNED_SHORT: u32 = 5123;
 const POINTS: u32 = 0;
 /// First bytes of every binary glTF.
 const MAGIC: &[u8; 4] = b"glTF";
-/// Generator named in the files, without its version.
-const GENERATOR: &str = "SurgTPGS";
 /// "JSON" and "BIN\0", little endian.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BIN_CHUNK: u32 = 0x004e_4942;

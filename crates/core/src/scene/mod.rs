@@ -40,6 +40,11 @@ use std::{
 /// Extensions of files that [`Scene::load`] reads.
 pub const EXTENSIONS: [&str; 3] = ["safetensors", "ply", "spz"];
 
+/// Program that files of other formats name as their generator, without its version.
+const GENERATOR: &str = "SurgTPGS";
+/// Comment in files of formats that only have comments.
+const MADE_BY: &str = "written by surgtpgs";
+
 /// Description of a problem with a file, without a full stop.
 type Problem = String;
 

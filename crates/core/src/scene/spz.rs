@@ -3,7 +3,7 @@
 //! A gzip stream of a header of 16 bytes and of columns, one after the other: places of 24 bits with a fixed
 //! point, opacities, colours, log-scales, quaternions, higher colour bands. Its axes are right, up and back.
 
-use super::{Problem, Scene, ply::drop_empty_bands, still::camera_before};
+use super::{MADE_BY, Problem, Scene, ply::drop_empty_bands, still::camera_before};
 use crate::{
     gaussian::Gaussians,
     num::{logit, sigmoid},
@@ -23,8 +23,6 @@ const LAST_VERSION: u32 = 3;
 const MOST_GAUSSIANS: u32 = 10_000_000;
 /// A deflated byte stands for fewer bytes than this.
 const MOST_INFLATION: u64 = 1032;
-/// Comment in the gzip header of files that this program writes.
-const MADE_BY: &str = "written by surgtpgs";
 
 /// Bits of a place, and the most of them after the point.
 const PLACE_BITS: u32 = 24;

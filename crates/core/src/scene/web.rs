@@ -4,7 +4,7 @@
 //! deflated as in the compact form of scene files; the page's own code unpacks, moves, sorts and draws them.
 
 use super::{
-    Scene,
+    GENERATOR, Scene,
     camera_row::camera_row,
     file::{
         compact::{Steps, cosines, deflated, mix, pack},
@@ -26,8 +26,6 @@ use std::borrow::Cow;
 
 /// First bytes of every page.
 const START: &[u8] = b"<!doctype html>";
-/// Program that a page names as its generator, without the version.
-const GENERATOR: &str = "SurgTPGS";
 /// Channels of motion that a picture shows: all but the gates of features.
 const CHANNELS: usize = COLOUR_CHANNEL + 3;
 /// Largest number of bases that motion of another kind is fitted with.

@@ -3,11 +3,8 @@
 
 use crate::{
     grid::{Grid, Mask},
-    mask::{PixelRect, set_bits},
+    mask::{PixelRect, WORD, set_bits},
 };
-
-/// Number of pixels in a word.
-pub(super) const WORD: usize = u64::BITS as usize;
 
 /// A mask with at least one pixel. Words begin at multiples of 64 columns of the image, so that those of
 /// two masks are aligned.

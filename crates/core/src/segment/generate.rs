@@ -16,8 +16,8 @@ use crate::{
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Stage of the generation in its progress.
-const STAGE: &str = "finding masks";
+/// Stage of finding masks in the progress.
+pub(crate) const FINDING_MASKS: &str = "finding masks";
 
 /// An answer that passed the network's own rating and the test of stability.
 struct Candidate {
@@ -57,7 +57,7 @@ pub fn automatic_masks(
     for (crop, points) in crops.iter().zip(points) {
         let mut told = |n: usize| {
             done += n;
-            Progress::new(STAGE, done, total).tell(observer)
+            Progress::new(FINDING_MASKS, done, total).tell(observer)
         };
         let w = crop.window;
         let [x, y, columns, rows] = [w.x, w.y, w.width, w.height].map(|v| v as u32);
@@ -74,7 +74,7 @@ pub fn automatic_masks(
         }
     }
     let mut levels = pools.map(|pool| finish(pool.into_iter().flatten().collect(), keep, settings));
-    Progress::new(STAGE, total, total).tell(observer)?;
+    Progress::new(FINDING_MASKS, total, total).tell(observer)?;
     if settings.small_on_top {
         levels.iter_mut().for_each(|level| level.sort_by_key(|f| std::cmp::Reverse(f.mask.area_px())));
     }

@@ -17,6 +17,7 @@ mod upsample;
 
 pub use bit_mask::BitMask;
 pub use dense_map::DenseMap;
+pub(crate) use generate::FINDING_MASKS;
 pub use generate::automatic_masks;
 
 use crate::{Result, grid::Grid};

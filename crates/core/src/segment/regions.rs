@@ -1,7 +1,7 @@
 //! Small islands and holes of a mask.
 
-use super::bit_mask::{BitMask, WORD};
-use crate::mask::{Run, Touching, area, parts};
+use super::bit_mask::BitMask;
+use crate::mask::{Run, Touching, WORD, area, parts};
 
 /// Fills holes and then drops islands of fewer than `min_px` pixels (neighbours over corners count), as
 /// Segment Anything's `remove_small_regions` does. If all islands are small, the largest stays. An

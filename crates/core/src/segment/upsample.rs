@@ -1,7 +1,7 @@
 //! Conversion of a network's coarse logits to a mask of the image, with its stability.
 
-use super::bit_mask::{BitMask, WORD};
-use crate::mask::PixelRect;
+use super::bit_mask::BitMask;
+use crate::mask::{PixelRect, WORD};
 
 /// Pixels of the image along one axis, each between two values of the coarse map.
 struct Axis {

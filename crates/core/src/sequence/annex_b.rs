@@ -3,7 +3,7 @@
 
 use super::{
     h264::{IDR_SLICE, SEQUENCE_PARAMETERS, is_slice},
-    mp4::{CodedPicture, Description, Framing, Mp4},
+    mp4::{CodedPicture, Description, Framing, MAX_PICTURES, Mp4},
 };
 use crate::reading::Pieces;
 use std::io::Read;
@@ -20,8 +20,6 @@ const CHUNK: usize = 1 << 20;
 const HEAD: usize = 2;
 /// Largest parameter set, bytes.
 const MOST_PARAMETERS: usize = 1 << 12;
-/// Largest number of pictures: two days of video.
-const MAX_PICTURES: usize = 1 << 22;
 
 /// Returns the place of the first start code.
 pub(super) fn start_code(bytes: &[u8]) -> Option<usize> {

@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Largest number of pictures: two days of video.
-const MAX_PICTURES: u64 = 1 << 22;
+pub(super) const MAX_PICTURES: usize = 1 << 22;
 /// Number of times that the same bytes are read again before the file counts as ended: two parts of the
 /// parser may ask for them one after the other.
 const MOST_REPEATS: usize = 3;
@@ -154,7 +154,7 @@ impl Mp4 {
     fn push(&mut self, sample: &Sample<'_>, source: &BoundedFile) -> Result<(), String> {
         let at = self.pictures.len();
         // A small table can name any number of pictures; the file's length limits how many can exist.
-        if at as u64 >= source.len.min(MAX_PICTURES) {
+        if at as u64 >= source.len.min(MAX_PICTURES as u64) {
             return Err("its tables lead beyond its end".to_owned());
         }
         if let Some(description) = sample.sample_entry.and_then(|entry| Description::of(entry, at)) {

@@ -26,6 +26,8 @@ use std::sync::Arc;
 use table::ScoreTable;
 use tree::{BRICK, BRICK_LEVELS, COARSE, EMPTY, EXTENT, FINE, FINE_PER_UNIT, Tree};
 
+/// Number of vertices that one thread compares with texts or rivals at once.
+const VERTICES_AT_ONCE: usize = 512;
 /// Number of prompts whose tables are kept.
 const MAX_TABLES: usize = 16;
 /// Number of sets of rivals whose rankings are kept: a scene has one, and prompts without any none.

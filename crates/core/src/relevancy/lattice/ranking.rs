@@ -2,6 +2,7 @@
 
 use super::{
     super::{Folded, Rivals},
+    VERTICES_AT_ONCE,
     tree::Tree,
 };
 use crate::num;
@@ -13,8 +14,6 @@ use std::sync::Arc;
 /// Number of rivals that are kept per vertex. A prompt that is an ally of all of them needs one more
 /// comparison with every rival there.
 const KEPT: usize = 4;
-/// Number of vertices that one thread compares with the rivals at once.
-const VERTICES_AT_ONCE: usize = 512;
 
 /// A rival and its cosine with a vertex.
 type Ranked = (u16, f32);

@@ -2,15 +2,13 @@
 
 use super::{
     super::{Folded, Query, query::TextRows},
+    VERTICES_AT_ONCE,
     ranking::Ranking,
     tree::{Tree, midpoint_error, polynomial},
 };
 use half::{f16, slice::HalfFloatSliceExt};
 use ndarray::ArrayView2;
 use rayon::prelude::*;
-
-/// Number of vertices that one thread compares with the texts at once.
-const VERTICES_AT_ONCE: usize = 512;
 
 /// Margins of one prompt at one temperature, extended as the tree grows.
 pub(super) struct ScoreTable {

@@ -8,8 +8,8 @@ pub(super) use reference::{DIM, GATE_SLOPE, GEOMETRY};
 pub use reference::{LANG_DEFORMATION_FILE, ReferenceWeights};
 pub(super) use splats::drop_empty_bands;
 
-use super::{Problem, Scene};
-use table::{MADE_BY, PlyTable};
+use super::{MADE_BY, Problem, Scene};
+use table::PlyTable;
 
 /// First bytes of every `.ply`.
 pub(super) const MAGIC: &[u8] = b"ply";

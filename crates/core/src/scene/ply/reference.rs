@@ -4,7 +4,7 @@
 
 use super::{
     splats::{self, CHANNELS, RELEASED},
-    table::{MADE_BY, PlyTable, numbered},
+    table::{PlyTable, numbered},
 };
 use crate::{
     deform::{
@@ -12,7 +12,7 @@ use crate::{
     },
     gaussian::MAX_SH_BANDS,
     reading::weights_beside,
-    scene::{Problem, RELEASED_BASES as BASES, Scene, still::camera_at_origin},
+    scene::{MADE_BY, Problem, RELEASED_BASES as BASES, Scene, still::camera_at_origin},
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::path::Path;

@@ -1,13 +1,13 @@
 //! Still Gaussians in the `.ply` format of 3-D Gaussian splatting programs.
 
-use super::table::{MADE_BY, PlyTable, numbered};
+use super::table::{PlyTable, numbered};
 use crate::{
     camera::Camera,
     codec::MAX_LATENT_DIM,
     gaussian::{Gaussians, MAX_SH_BANDS},
     num,
     scene::{
-        Problem, Scene,
+        MADE_BY, Problem, Scene,
         camera_row::{CAMERA_WIDTH, camera_row, read_camera},
         still::camera_before,
     },

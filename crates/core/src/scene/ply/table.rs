@@ -2,9 +2,6 @@
 
 use crate::{reading::NumberType, scene::Problem};
 
-/// Comment in the files that this program writes.
-pub(super) const MADE_BY: &str = "written by surgtpgs";
-
 /// One row per vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct PlyTable {
