@@ -80,7 +80,7 @@ fn shown(own: &Marks, [width, height]: [usize; 2]) -> Mask {
 
 /// Returns the pixels outside of a mask and the band around it.
 fn outside(mask: &Mask) -> Mask {
-    let mut covered = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    let mut covered = Bits::of_mask(mask);
     for _ in 0..mask.width / COLUMNS_PER_BAND_PX {
         covered = covered.dilated();
     }

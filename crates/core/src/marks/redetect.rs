@@ -211,7 +211,7 @@ impl Target<'_> {
 
 /// Returns a mask without its border and without parts of less than `min_area`.
 fn without_border(mask: &Mask, min_area: usize) -> Mask {
-    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    let bits = Bits::of_mask(mask);
     remove_small(&bits.eroded().to_mask(), min_area)
 }
 

@@ -29,6 +29,11 @@ impl Bits {
         Self { width, words_per_row, words }
     }
 
+    /// Packs a mask.
+    pub(crate) fn of_mask(mask: &Mask) -> Self {
+        Self::of(mask.width, mask.height, |i| mask.data[i])
+    }
+
     /// Words of all rows, one after the other.
     pub(crate) fn rows(&self) -> &[u64] {
         &self.words

@@ -66,7 +66,7 @@ impl CleanUp {
             mask = Cow::Owned(smoothed(&mask, self.round_px));
         }
         if self.grow_px != 0 {
-            let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+            let bits = Bits::of_mask(&mask);
             // No distance in the mask is larger than this.
             let steps = (self.grow_px.unsigned_abs() as usize).min(mask.width + mask.height);
             let step = |bits: Bits, _| if self.grow_px > 0 { bits.dilated() } else { bits.eroded() };

@@ -39,7 +39,7 @@ struct Edges {
 impl Edges {
     /// Finds the steps that have a pixel of the mask to their right and none to their left, 64 corners at once.
     fn of(mask: &Mask) -> Self {
-        let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+        let bits = Bits::of_mask(mask);
         let columns = mask.width + 1;
         let mut edges = Self { columns, leaving: vec![0; columns * (mask.height + 1)], corners: Vec::new() };
         for y in 0..=mask.height {

@@ -49,7 +49,7 @@ pub fn exclusive(scores: &[&Grid<f32>], thresholds: &[f32]) -> Vec<Mask> {
 /// Band of `width_px` inside the border of the mask (4-neighbourhood, image border excluded): the pixels
 /// that `width_px` erosions would take away.
 pub fn outline(mask: &Mask, width_px: usize) -> Mask {
-    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    let bits = Bits::of_mask(mask);
     // No pixel is further from the border than this.
     let erosions = width_px.min(mask.width + mask.height);
     let inside = (0..erosions).fold(bits.clone(), |bits, _| bits.eroded());
@@ -114,7 +114,7 @@ pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
 }
 
 fn parts_of(mask: &Mask, value: bool, touching: Touching) -> Vec<Vec<Run>> {
-    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    let bits = Bits::of_mask(mask);
     parts(bits.rows(), mask.width, value, touching)
 }
 

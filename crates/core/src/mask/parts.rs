@@ -145,7 +145,7 @@ mod tests {
             let mixed = |i: usize| (i as u64 + 1).wrapping_mul(seed | 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             let is_set = |i: usize| mixed(i) >> 62 != 3;
             let image = Grid::from_vec(width, height, (0..width * height).map(is_set).collect());
-            let bits = Bits::of(width, height, |i| image.data[i]);
+            let bits = Bits::of_mask(&image);
             for (value, touching) in [true, false].into_iter().flat_map(|v| [(v, Touching::Sides), (v, Touching::Corners)]) {
                 let found = parts(bits.rows(), width, value, touching);
                 let found: Vec<usize> = found.iter().map(|part| area(part)).collect();

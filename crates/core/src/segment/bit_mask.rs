@@ -3,7 +3,7 @@
 
 use crate::{
     grid::{Grid, Mask},
-    mask::{PixelRect, WORD, set_bits},
+    mask::{Bits, PixelRect, WORD, set_bits},
 };
 
 /// A mask with at least one pixel. Words begin at multiples of 64 columns of the image, so that those of
@@ -42,13 +42,7 @@ impl BitMask {
 
     /// Creates a mask of the `true` pixels; `None` if there are none.
     pub fn of(mask: &Mask) -> Option<Self> {
-        let row_words = mask.width.div_ceil(WORD).max(1);
-        let mut rows = vec![0_u64; row_words * mask.height];
-        for (i, _) in mask.data.iter().enumerate().filter(|(_, set)| **set) {
-            let (x, y) = (i % mask.width, i / mask.width);
-            rows[y * row_words + x / WORD] |= 1 << (x % WORD);
-        }
-        Self::from_rows(mask.width, &rows)
+        Self::from_rows(mask.width, Bits::of_mask(mask).rows())
     }
 
     /// Returns the number of columns of the image.
