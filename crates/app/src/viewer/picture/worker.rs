@@ -2,7 +2,7 @@
 
 use crate::engine::{Next, Pending};
 use crate::viewer::{
-    backend::FrameSource,
+    backend::{FrameSource, task::lock},
     picture::{
         areas::Measured,
         pipeline::Pipeline,
@@ -12,7 +12,7 @@ use crate::viewer::{
 };
 use std::{
     panic::AssertUnwindSafe,
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Condvar, Mutex, PoisonError},
     thread::JoinHandle,
     time::{Duration, Instant},
 };
@@ -231,8 +231,4 @@ fn broken(request: Request) -> Picture {
         took_ms: 0.0,
         passes_run: 0,
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
