@@ -58,6 +58,12 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(if values.len() % 2 == 1 { upper } else { 0.5 * (upper + values[middle - 1]) })
 }
 
+/// The mean; `None` if there are no values.
+pub fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), v| (sum + v, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,6 +91,11 @@ mod tests {
         assert_eq!(median(&mut [5.0, 1.0, 3.0]), Some(3.0));
         assert_eq!(median(&mut [4.0, 1.0, 2.0, 9.0]), Some(3.0));
         assert_eq!(median(&mut []), None);
+    }
+
+    #[test]
+    fn no_values_have_no_mean() {
+        assert_eq!((mean([].into_iter()), mean([1.0, 3.0].into_iter())), (None, Some(2.0)));
     }
 
     #[test]

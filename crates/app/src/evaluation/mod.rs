@@ -29,6 +29,7 @@ use surgtpgs_core::{
         ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, masked, psnr_db, psnr_per_channel_db,
         psnr_published_db, ssim,
     },
+    num::mean,
     raster::{Images, MIN_DEPTH_ALPHA},
     scene::Scene,
     sequence::Sequence,
@@ -154,7 +155,7 @@ pub(crate) fn evaluate(
     let scene = engine.scene();
     let report = EvalReport {
         gaussians: Some(scene.gaussians.len()),
-        train_psnr_db: report::mean(train_psnr_db.into_iter()),
+        train_psnr_db: mean(train_psnr_db.into_iter()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
         training: Some(Training { steps: scene.provenance.steps }),

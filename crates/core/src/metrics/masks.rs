@@ -4,6 +4,7 @@ use super::boundary_f;
 use crate::{
     Error, Result,
     grid::{Grid, Mask},
+    num,
 };
 use std::collections::BTreeMap;
 
@@ -177,8 +178,7 @@ impl ClassSummary {
     fn of<'a>(rows: impl Iterator<Item = &'a ClassOnFrame>) -> Self {
         let (labelled, absent): (Vec<_>, Vec<_>) = rows.partition(|r| r.is_labelled());
         let mean = |value: fn(&ClassOnFrame) -> Option<f64>, rows: &[&ClassOnFrame]| {
-            let values: Vec<f64> = rows.iter().copied().filter_map(value).collect();
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+            num::mean(rows.iter().copied().filter_map(value))
         };
         let both: usize = labelled.iter().map(|r| r.both_px).sum();
         let predicted: usize = labelled.iter().chain(&absent).map(|r| r.predicted_px).sum();

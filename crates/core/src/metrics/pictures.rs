@@ -1,6 +1,9 @@
 //! Similarity of two pictures: PSNR and SSIM.
 
-use crate::grid::{Grid, Mask};
+use crate::{
+    grid::{Grid, Mask},
+    num::mean,
+};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -85,16 +88,12 @@ pub fn ssim(image: &RgbImage, truth: &RgbImage) -> Option<Ssim> {
     };
     let (mut padded, mut inside) = (0.0, 0.0);
     for likeness in (0..3).map(|c| likeness(&channel(image, c), &channel(truth, c))) {
-        padded += mean(likeness.data.iter());
+        padded += mean(likeness.data.iter().copied()).unwrap_or(f64::NAN);
         let rows = RADIUS..likeness.height.saturating_sub(RADIUS);
-        inside += mean(rows.flat_map(|y| likeness.row(y).iter().skip(RADIUS).rev().skip(RADIUS)));
+        let values = rows.flat_map(|y| likeness.row(y).iter().skip(RADIUS).rev().skip(RADIUS));
+        inside += mean(values.copied()).unwrap_or(f64::NAN);
     }
     Some(Ssim { padded: padded / 3.0, inside: inside / 3.0 })
-}
-
-fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), v| (sum + v, count + 1));
-    sum / count as f64
 }
 
 /// Returns the SSIM at every pixel of one channel.

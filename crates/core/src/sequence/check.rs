@@ -12,6 +12,7 @@ use crate::{
     Result,
     camera::Camera,
     grid::Grid,
+    num,
     progress::{Observer, Progress},
 };
 use image::RgbImage;
@@ -457,8 +458,7 @@ fn repeated_frames(facts: &[Facts], says: &mut Findings) {
 
 /// Returns the mean of `values`; 0 if there are none.
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), v| (sum + v, count + 1));
-    if count == 0 { 0.0 } else { sum / count as f64 }
+    num::mean(values).unwrap_or(0.0)
 }
 
 /// Names frames in words: "frame 3", "frames 3, 4, 5", "frames 3, 4, 5, 6, 7 and 12 more".

@@ -49,7 +49,7 @@ use crate::{
     Result,
     clock::PassClock,
     deform::deform,
-    files, metrics,
+    files, metrics, num,
     poses::Verdict,
     prepare::Prepared,
     progress::{Observer, unobserved},
@@ -494,7 +494,7 @@ fn mean_psnr_db(
         let mask = sequence.mask(i)?;
         values.extend(metrics::psnr_db(&render(i)?.to_rgb(), &sequence.frame(i)?, Some(&mask)));
     }
-    Ok((!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64))
+    Ok(num::mean(values.into_iter()))
 }
 
 fn context<'a>(

@@ -9,6 +9,7 @@ use crate::{
     clock::PassClock,
     deform::deform,
     metrics::psnr_db,
+    num,
     prepare::NO_REGION,
     progress::{Observer, Progress},
     raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA, project::Sampling, render_deformed},
@@ -76,8 +77,7 @@ fn likeness_db(scene: &Scene, like: &Scene) -> Option<f64> {
         let [a, b] = [scene, like].map(|s| rendered(s, like, i, false).to_rgb());
         psnr_db(&a, &b, Some(&like.field_of_view))
     };
-    let values: Vec<f64> = (0..like.num_frames()).step_by(step).filter_map(compare).collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    num::mean((0..like.num_frames()).step_by(step).filter_map(compare))
 }
 
 /// Renders a scene as another one's frame `i` shows it.
