@@ -65,6 +65,13 @@ impl<T: Copy> Grid<T> {
 }
 
 impl Mask {
+    /// Draws a mask for a test: `#` is `true`.
+    #[cfg(test)]
+    pub(crate) fn drawn(rows: &[&str]) -> Self {
+        let data = rows.iter().flat_map(|row| row.bytes().map(|b| b == b'#')).collect();
+        Self::from_vec(rows[0].len(), rows.len(), data)
+    }
+
     /// Returns the number of pixels that are `true`.
     pub fn count(&self) -> usize {
         self.data.iter().filter(|&&v| v).count()

@@ -109,11 +109,6 @@ mod tests {
     use super::*;
     use crate::mask::iou;
 
-    fn mask(rows: &[&str]) -> Mask {
-        let pixels = rows.iter().flat_map(|row| row.bytes().map(|b| b == b'#')).collect();
-        Mask::from_vec(rows[0].len(), rows.len(), pixels)
-    }
-
     /// Fills a polygon and its border.
     fn filled(polygon: &[Pixel], width: usize, height: usize) -> Mask {
         let points_px = polygon.iter().map(|(x, y)| [*x as f32 + 0.5, *y as f32 + 0.5]).collect();
@@ -130,10 +125,10 @@ mod tests {
 
     #[test]
     fn polygons_go_through_the_pixels_of_the_border() {
-        let square = mask(&["....", ".##.", ".##.", "...."]);
+        let square = Mask::drawn(&["....", ".##.", ".##.", "...."]);
         assert_eq!(polygons(&square), [[(1, 1), (2, 1), (2, 2), (1, 2)]]);
-        assert_eq!(polygons(&mask(&["...", ".#."])), [[(1, 1); 3]], "a pixel is a polygon, too");
-        assert!(polygons(&mask(&["..."])).is_empty());
+        assert_eq!(polygons(&Mask::drawn(&["...", ".#."])), [[(1, 1); 3]], "a pixel is a polygon, too");
+        assert!(polygons(&Mask::drawn(&["..."])).is_empty());
     }
 
     #[test]

@@ -117,33 +117,28 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn mask(rows: &[&str]) -> Mask {
-        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
-        Grid::from_vec(rows[0].len(), rows.len(), data)
-    }
-
     #[test]
     fn off_leaves_every_bit_alone() {
         let scores = Grid::from_vec(3, 1, vec![0.4, f32::NAN, 0.9]);
         assert!(
             matches!(CleanUp::default().scores(&scores, 0.4), Cow::Borrowed(same) if std::ptr::eq(same, &scores))
         );
-        let found = mask(&["#.#", ".#."]);
+        let found = Mask::drawn(&["#.#", ".#."]);
         assert_eq!(CleanUp::default().mask(&found), found);
     }
 
     #[test]
     fn holes_close_specks_go_and_the_border_moves() {
-        let found = mask(&["#......", "...###.", "...#.#.", "...###."]);
+        let found = Mask::drawn(&["#......", "...###.", "...#.#.", "...###."]);
         let clean = |c: CleanUp| c.mask(&found);
-        let filled = mask(&["#......", "...###.", "...###.", "...###."]);
-        let ring = mask(&[".......", "...###.", "...#.#.", "...###."]);
+        let filled = Mask::drawn(&["#......", "...###.", "...###.", "...###."]);
+        let ring = Mask::drawn(&[".......", "...###.", "...#.#.", "...###."]);
         assert_eq!(clean(CleanUp { fill_holes_px: 1, ..Default::default() }), filled);
         assert_eq!(clean(CleanUp { min_area_px: 2, ..Default::default() }), ring);
         let all = CleanUp { fill_holes_px: 1, min_area_px: 9, grow_px: 1, ..Default::default() };
-        assert_eq!(clean(all), mask(&["...###.", "..#####", "..#####", "..#####"]));
+        assert_eq!(clean(all), Mask::drawn(&["...###.", "..#####", "..#####", "..#####"]));
         let shrunk = CleanUp { fill_holes_px: 1, grow_px: -1, ..Default::default() };
-        assert_eq!(clean(shrunk), mask(&[".......", ".......", "....#..", "....#.."]));
+        assert_eq!(clean(shrunk), Mask::drawn(&[".......", ".......", "....#..", "....#.."]));
         let far = CleanUp { grow_px: i32::MIN, ..Default::default() };
         assert_eq!(far.mask(&found).count(), 0);
     }

@@ -201,11 +201,6 @@ pub fn innermost(mask: &Mask) -> Option<(usize, usize)> {
 mod tests {
     use super::*;
 
-    fn mask(rows: &[&str]) -> Mask {
-        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
-        Grid::from_vec(rows[0].len(), rows.len(), data)
-    }
-
     #[test]
     fn threshold_is_strict_and_nan_is_never_found() {
         let scores = Grid::from_vec(3, 1, vec![0.4, 0.400_1, f32::NAN]);
@@ -214,48 +209,48 @@ mod tests {
 
     #[test]
     fn outline_follows_the_border_but_not_the_image_edge() {
-        let image = mask(&["#####", "#####", "###..", "###..", "###.."]);
-        assert_eq!(outline(&image, 1), mask(&[".....", "...##", "..#..", "..#..", "..#.."]));
-        assert_eq!(outline(&image, 2), mask(&["...##", "..###", ".##..", ".##..", ".##.."]));
+        let image = Mask::drawn(&["#####", "#####", "###..", "###..", "###.."]);
+        assert_eq!(outline(&image, 1), Mask::drawn(&[".....", "...##", "..#..", "..#..", "..#.."]));
+        assert_eq!(outline(&image, 2), Mask::drawn(&["...##", "..###", ".##..", ".##..", ".##.."]));
         assert_eq!(outline(&image, 0).count(), 0);
-        assert_eq!(outline(&mask(&["###", "###"]), 2).count(), 0);
+        assert_eq!(outline(&Mask::drawn(&["###", "###"]), 2).count(), 0);
         assert_eq!(outline(&Grid::filled(0, 0, true), 2).data.len(), 0);
     }
 
     #[test]
     fn iou_of_known_masks() {
-        let (a, b) = (mask(&["##.", "..."]), mask(&[".##", "..."]));
+        let (a, b) = (Mask::drawn(&["##.", "..."]), Mask::drawn(&[".##", "..."]));
         assert_eq!(iou(&a, &b), Some(1.0 / 3.0));
         assert_eq!(iou(&a, &a), Some(1.0));
-        let empty = mask(&["...", "..."]);
+        let empty = Mask::drawn(&["...", "..."]);
         assert_eq!(iou(&a, &empty), Some(0.0));
         assert_eq!(iou(&empty, &empty), None);
-        assert_eq!(iou(&a, &mask(&["##"])), None);
+        assert_eq!(iou(&a, &Mask::drawn(&["##"])), None);
     }
 
     #[test]
     fn bounding_box_is_tight() {
-        let rect = bounding_box(&mask(&["....", ".#..", "..#.", "...."]));
+        let rect = bounding_box(&Mask::drawn(&["....", ".#..", "..#.", "...."]));
         assert_eq!(rect, Some(PixelRect { x: 1, y: 1, width: 2, height: 2 }));
-        assert_eq!(bounding_box(&mask(&["..", ".."])), None);
+        assert_eq!(bounding_box(&Mask::drawn(&["..", ".."])), None);
     }
 
     #[test]
     fn small_parts_go_and_holes_close() {
-        let image = mask(&["#....", "...##", ".##..", "....."]);
-        assert_eq!(remove_small(&image, 2), mask(&[".....", "...##", ".##..", "....."]));
+        let image = Mask::drawn(&["#....", "...##", ".##..", "....."]);
+        assert_eq!(remove_small(&image, 2), Mask::drawn(&[".....", "...##", ".##..", "....."]));
         assert_eq!(remove_small(&image, 5).count(), 0);
-        let ring = mask(&["####.", "#..#.", "#.##.", "####."]);
+        let ring = Mask::drawn(&["####.", "#..#.", "#.##.", "####."]);
         assert_eq!(fill_holes(&ring, 3).count(), 16);
         assert_eq!(fill_holes(&ring, 2), ring);
     }
 
     #[test]
     fn rounding_takes_away_what_is_thin_and_fills_notches() {
-        let image = mask(&["........", "....#...", "########", "###.####", "########", "........"]);
+        let image = Mask::drawn(&["........", "....#...", "########", "###.####", "########", "........"]);
         assert_eq!(
             smoothed(&image, 1),
-            mask(&["........", "........", "########", "########", "########", "........"])
+            Mask::drawn(&["........", "........", "########", "########", "########", "........"])
         );
         assert_eq!(smoothed(&image, 0), image);
         assert_eq!(smoothed(&Grid::filled(0, 0, true), 2).data.len(), 0);
@@ -263,17 +258,17 @@ mod tests {
 
     #[test]
     fn depths_count_steps_to_the_outside() {
-        let depths = depths(&mask(&["#####", "#####", "##.##"]));
+        let depths = depths(&Mask::drawn(&["#####", "#####", "##.##"]));
         assert_eq!(depths.data, [1, 1, 1, 1, 1, 1, 2, 1, 2, 1, 1, 1, 0, 1, 1]);
     }
 
     #[test]
     fn the_innermost_pixel_is_far_from_every_border() {
-        let image = mask(&["#########", "##.######", "#########", "#########", "#########"]);
+        let image = Mask::drawn(&["#########", "##.######", "#########", "#########", "#########"]);
         assert_eq!(innermost(&image), Some((4, 2)));
-        let crescent = mask(&["#####.", "#.....", "#.....", "######", "######", "######"]);
+        let crescent = Mask::drawn(&["#####.", "#.....", "#.....", "######", "######", "######"]);
         assert_eq!(innermost(&crescent), Some((1, 4)), "a pixel of the mask, though the middle is none");
-        assert_eq!(innermost(&mask(&["...."])), None);
+        assert_eq!(innermost(&Mask::drawn(&["...."])), None);
     }
 
     #[test]

@@ -42,11 +42,10 @@ fn flip(rows: &mut [u64], columns: usize, run: &Run) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Grid;
+    use crate::grid::Mask;
 
     fn mask(rows: &[&str]) -> BitMask {
-        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
-        BitMask::of(&Grid::from_vec(rows[0].len(), rows.len(), data)).unwrap()
+        BitMask::of(&Mask::drawn(rows)).unwrap()
     }
 
     #[test]
