@@ -4,7 +4,6 @@ mod buffers;
 mod device;
 mod kernel;
 mod planes;
-mod relevancy;
 mod renderer;
 mod rows;
 mod scene_buffers;
@@ -16,7 +15,6 @@ mod train;
 
 pub use device::{AdapterChoice, AdapterFacts, Gpu, Loss, Unavailable};
 pub use planes::{PlanePasses, RenderInput};
-pub use relevancy::GpuExact;
 pub use renderer::GpuRenderer;
 pub use shown::{Asked, OverlayRequest, RegionStyle, Shown, ShownPasses, Wanted};
 pub use timer::PassCost;
@@ -25,6 +23,6 @@ pub use train::{GpuBackend, StepTrace};
 
 /// Every shader with its declaration.
 pub fn shaders() -> impl Iterator<Item = &'static shader::Shader> {
-    let others = [planes::SHADERS, shown::SHADERS, relevancy::SHADERS].into_iter().flatten();
+    let others = [planes::SHADERS, shown::SHADERS].into_iter().flatten();
     others.chain(train::shaders()).chain([&traffic::Wgsl::SHADER])
 }

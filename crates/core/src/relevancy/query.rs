@@ -122,7 +122,7 @@ impl Query {
     }
 
     /// Largest margin that a temperature allows, see [`Query::certainty`].
-    pub fn largest_margin(&self, temperature: f32) -> f32 {
+    fn largest_margin(&self, temperature: f32) -> f32 {
         let limit = num::logit(self.certainty.clamp(0.0, 1.0)) / temperature;
         if limit.is_nan() { NEVER } else { limit.max(NEVER) }
     }

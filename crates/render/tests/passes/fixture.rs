@@ -1,13 +1,16 @@
-//! Scenes, cameras and the adapter that the tests run on.
+//! Scenes, cameras, prompts and the adapter that the tests run on.
 
 use glam::{Affine3A, EulerRot, Quat, Vec3};
+use ndarray::{Array1, Array2};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::LazyLock;
 use surgtpgs_core::{
     camera::Camera,
+    codec::{Codec, Linear},
     deform::{BasisShape, Deformation},
     gaussian::Gaussians,
+    relevancy::{Query, Rivals},
     scene::Scene,
 };
 use surgtpgs_render::{AdapterChoice, Gpu, Unavailable};
@@ -131,4 +134,41 @@ pub(crate) fn moved_camera(width: u32, height: u32) -> Camera {
     camera.cx += 3.7;
     camera.fy *= 1.1;
     camera
+}
+
+/// Number of values of an embedding.
+const EMBEDDING_DIM: usize = 70;
+
+/// A codec with a decoder of odd widths.
+pub(crate) fn codec() -> Codec {
+    let rng = &mut ChaCha8Rng::seed_from_u64(3);
+    let mut layers = |widths: &[usize]| -> Vec<Linear> {
+        let layer = |pair: &[usize]| {
+            let size = (3.0 / pair[0] as f32).sqrt();
+            Linear {
+                weight: Array2::from_shape_vec((pair[1], pair[0]), numbers(rng, pair[0] * pair[1], size))
+                    .unwrap(),
+                bias: Array1::from(numbers(rng, pair[1], 0.2)),
+            }
+        };
+        widths.windows(2).map(layer).collect()
+    };
+    Codec { encoder: layers(&[EMBEDDING_DIM, 20, 3]), decoder: layers(&[3, 17, 130, 64, EMBEDDING_DIM]) }
+}
+
+pub(crate) fn query(prompt: &str, num_negatives: usize) -> Query {
+    let rng = &mut ChaCha8Rng::seed_from_u64(prompt.len() as u64);
+    let mut text = || surgtpgs_core::num::normalised(&numbers(rng, EMBEDDING_DIM, 1.0)).unwrap();
+    let query = Query::new(prompt, text());
+    query.but_not((0..num_negatives).map(|i| (format!("negative {i}"), text())).collect())
+}
+
+/// A prompt that means two texts, is not certain, and competes with rivals of which one is an ally.
+pub(crate) fn uncertain() -> Query {
+    let rng = &mut ChaCha8Rng::seed_from_u64(40);
+    let mut text = || surgtpgs_core::num::normalised(&numbers(rng, EMBEDDING_DIM, 1.0)).unwrap();
+    let meant = vec![text(), text()];
+    let texts: Vec<Vec<f32>> = (0..9).map(|_| text()).collect();
+    let rivals = Rivals::new(texts.iter().map(|text| ("rival", text.as_slice())));
+    Query { meant, certainty: 0.4, ..query("tool", 1) }.among(&rivals, vec![3])
 }

@@ -23,8 +23,6 @@ mod harness_can_fail;
 mod limits;
 /// Pictures with overlays.
 mod overlay;
-/// Scores of prompts.
-mod relevancy;
 /// The renderer as a whole: twin, growth of buffers, scene changes, bad scenes.
 mod renderer;
 /// Every .wgsl file compiles; Rust and WGSL agree on every struct.

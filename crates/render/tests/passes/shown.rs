@@ -2,8 +2,7 @@
 
 use crate::{
     compare::{self, SMOOTH, Tolerance},
-    fixture::{Recipe, camera, gpu, moved_camera, scene},
-    relevancy::{codec, query, uncertain},
+    fixture::{Recipe, camera, codec, gpu, moved_camera, query, scene, uncertain},
 };
 use image::{Rgb, RgbImage};
 use surgtpgs_core::{
@@ -38,7 +37,7 @@ impl Stage {
             renderer: GpuRenderer::new(gpu()?).unwrap(),
             scene: scene(Recipe::default()),
             camera: moved_camera(121, 77),
-            lattice: Lattice::new(&codec(3)).unwrap(),
+            lattice: Lattice::new(&codec()).unwrap(),
             queries: vec![query("liver", 4), uncertain()],
             settings: RelevancySettings::default(),
         })
@@ -160,7 +159,7 @@ fn scores_keep_the_promise_against_decoding_every_pixel() {
     let Some(mut stage) = Stage::new() else { return };
     let shown = stage.show(0.4, None, None);
     let planes = stage.planes(0.4, None);
-    let exact = Exact::new(codec(3)).score(&planes, &stage.queries, &stage.settings);
+    let exact = Exact::new(codec()).score(&planes, &stage.queries, &stage.settings);
     for (found, exact) in shown.scores.iter().zip(&exact) {
         let promise = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
         compare::close("scores", &found.data, &exact.data, promise).unwrap();
@@ -186,7 +185,7 @@ fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
     stage.queries[1] = query("grasper of steel", 3);
     let third = stage.show(0.4, None, None);
     let planes = stage.planes(0.4, None);
-    let exact = Exact::new(codec(3)).score(&planes, &stage.queries, &stage.settings);
+    let exact = Exact::new(codec()).score(&planes, &stage.queries, &stage.settings);
     let promise = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
     compare::close("scores", &third.scores[1].data, &exact[1].data, promise).unwrap();
 }
