@@ -1,19 +1,19 @@
-//! Draws found regions on top of a frame; [`overlay`] is the CPU twin of `shaders/overlay.wgsl`.
+//! Draws found regions on top of a frame.
 
 use crate::{
     grid::{Grid, Mask},
-    mask::{self, Bits, border_lines, set_bits},
+    mask::{self, border_lines},
     palette::Palette,
-    strokes::Outline,
+    strokes::{Outline, draw_outlines},
 };
-use image::RgbImage;
+use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
 /// Declares the styles: name on the command line, and a line about it; then label and tip in the window.
 macro_rules! styles {
     ($($(#[$doc:meta])* $style:ident $name:literal $about:literal $label:literal $tip:literal)*) => {
-        /// Style in which a found region is drawn. A new one is a row here, drawn by [`overlay`] and by
-        /// `shaders/overlay.wgsl`.
+        /// Style in which a found region is drawn. A new one is a row here, drawn by [`overlay_layers`] and
+        /// [`outlines`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         #[serde(rename_all = "snake_case")]
         pub enum OverlayStyle {
@@ -135,59 +135,33 @@ impl<'a> OverlayPrompt<'a> {
     }
 }
 
-/// Length of a dash and of the gap after it, px along either axis.
-pub const DASH: u32 = 8;
-
-/// Width of a contour, px; the contour lies inside the found region.
-pub const CONTOUR_WIDTH: u32 = 2;
-/// Amount by which the halo, 1 px on either side of a contour, darkens the frame. It keeps contours
-/// visible on any tissue.
+/// Amount by which the halo on either side of a contour darkens the frame. It keeps contours visible on any
+/// tissue.
 pub const HALO_DARKNESS: f32 = 0.6;
 
-/// Draws `prompts` over `frame`, later ones over earlier ones. Contours are [`CONTOUR_WIDTH`] px wide at
-/// the frame's size. A prompt whose scores have another size is not drawn. NaN counts as not found.
-pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLook) -> RgbImage {
-    let OverlayLook { style, opacity, outline_opacity, .. } = look;
-    let (width, height) = (frame.width() as usize, frame.height() as usize);
-    let fits = |p: &&OverlayPrompt<'_>| (p.scores.width, p.scores.height) == (width, height);
-    let prompts: Vec<&OverlayPrompt<'_>> = prompts.iter().filter(fits).collect();
-    let mut out = frame.clone();
-    if width * height == 0 || prompts.is_empty() {
-        return out;
+/// Draws `prompts` over `frame`: [`overlay_layers`] at a `size` of columns and rows, and [`outlines`] on top.
+/// Lines are drawn at this size: those of a larger picture would fade or show its pixels.
+pub fn overlay(
+    frame: &RgbImage,
+    prompts: &[(OverlayPrompt<'_>, bool)],
+    tools: Option<&Mask>,
+    look: OverlayLook,
+    size: (u32, u32),
+) -> RgbImage {
+    let mut drawn = overlay_layers(frame, prompts, tools, look);
+    if size != drawn.dimensions() {
+        drawn = imageops::resize(&drawn, size.0, size.1, imageops::FilterType::Triangle);
     }
-    if style.shows_scores() {
-        out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
-            let colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
-            pixel.copy_from_slice(&to_bytes(heat(colour, &prompts, i, look)));
-        });
-        return out;
-    }
-    let fill = if style.has_fill() { opacity } else { 0.0 };
-    let zones: Vec<Zones> = prompts.iter().map(|p| Zones::of(p)).collect();
-    out.par_chunks_mut(3 * width).with_min_len(8).enumerate().for_each(|(y, row)| {
-        let mut touched = vec![0; width.div_ceil(u64::BITS as usize)];
-        for zones in &zones {
-            zones.mark(y, fill > 0.0, &mut touched);
-        }
-        for x in set_bits(&touched) {
-            let pixel = &mut row[3 * x..3 * x + 3];
-            let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
-            for (prompt, zones) in prompts.iter().zip(&zones) {
-                let fill = if prompt.is_dashed { 0.0 } else { fill };
-                if !(prompt.is_dashed && is_gap(x, y)) {
-                    colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), (outline_opacity, fill));
-                }
-            }
-            pixel.copy_from_slice(&to_bytes(colour));
-        }
-    });
-    out
+    let of_scores = (frame.width() as usize, frame.height() as usize);
+    draw_outlines(&mut drawn, &outlines(prompts, tools, look), of_scores, look.outline_opacity);
+    drawn
 }
 
-/// Draws the fills or the heatmap of `prompts`; their lines are [`outlines`]. If the look says so, they lie
-/// below the instruments, whose pixels stay as they are in the frame. Instruments are the pixels of `tools`
-/// (sampled at the frame's size) and those found by the prompts marked as instruments (`true`). Those
-/// prompts are drawn on top.
+/// Draws the fills or the heatmap of `prompts`, later ones over earlier ones; their lines are [`outlines`].
+/// If the look says so, they lie below the instruments, whose pixels stay as they are in the frame.
+/// Instruments are the pixels of `tools` (sampled at the frame's size) and those found by the prompts marked
+/// as instruments (`true`). Those prompts are drawn on top. A prompt whose scores have another size than the
+/// frame is not drawn. NaN counts as not found.
 pub fn overlay_layers(
     frame: &RgbImage,
     prompts: &[(OverlayPrompt<'_>, bool)],
@@ -197,7 +171,7 @@ pub fn overlay_layers(
     let drawn = |frame: &RgbImage, prompts: &[OverlayPrompt<'_>]| match look.style {
         OverlayStyle::Outline => frame.clone(),
         OverlayStyle::Fill => fill(frame, prompts, look.opacity),
-        OverlayStyle::Heatmap => overlay(frame, prompts, look),
+        OverlayStyle::Heatmap => heatmap(frame, prompts, look),
     };
     // A heatmap shows scores wherever they are.
     if !look.below_instruments || look.style != OverlayStyle::Fill {
@@ -262,68 +236,27 @@ fn fill(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], opacity: f32) -> RgbIma
     drawn
 }
 
-/// Returns `true` where a dashed contour has a gap.
-fn is_gap(x: usize, y: usize) -> bool {
-    (x + y) / DASH as usize % 2 == 1
+/// Draws the highest score of each pixel in the colours of the palette. Equal scores have equal colours on
+/// every frame; what was not seen stays as it is.
+fn heatmap(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLook) -> RgbImage {
+    let size = (frame.width() as usize, frame.height() as usize);
+    let fits = |p: &&OverlayPrompt<'_>| (p.scores.width, p.scores.height) == size;
+    let prompts: Vec<&OverlayPrompt<'_>> = prompts.iter().filter(fits).collect();
+    let mut drawn = frame.clone();
+    drawn.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
+        // NaN is no maximum.
+        let best = prompts.iter().map(|p| p.scores.data[i]).fold(0.0, f32::max);
+        if best > 0.0 {
+            let colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+            let heat = look.palette.colour(best.min(1.0));
+            pixel.copy_from_slice(&to_bytes(mix(colour, heat, look.heat_opacity)));
+        }
+    });
+    drawn
 }
 
 fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|v| (v + 0.5) as u8)
-}
-
-/// Zones of the region that a prompt found, by city-block distance from its border. Up to [`CONTOUR_WIDTH`]
-/// inside the border is contour, the next pixel on either side is halo. The image's edge is no border.
-struct Zones {
-    inside: Bits,
-    contour: Bits,
-    halo: Bits,
-}
-
-impl Zones {
-    fn of(prompt: &OverlayPrompt<'_>) -> Self {
-        let scores = prompt.scores;
-        // Also false for NaN.
-        let found = Bits::of(scores.width, scores.height, |i| scores.data[i] > prompt.threshold);
-        let within = (0..CONTOUR_WIDTH).fold(found.clone(), |bits, _| bits.eroded());
-        let inside = within.eroded();
-        let halo = within.without(&inside).or(&found.dilated().without(&found));
-        Self { contour: found.without(&within), inside, halo }
-    }
-
-    /// Adds the drawn pixels of row `y`.
-    fn mark(&self, y: usize, with_inside: bool, touched: &mut [u64]) {
-        let inside = if with_inside { self.inside.row(y) } else { &[] };
-        for row in [inside, self.contour.row(y), self.halo.row(y)] {
-            touched.iter_mut().zip(row).for_each(|(touched, word)| *touched |= word);
-        }
-    }
-
-    fn draw(
-        &self,
-        x: usize,
-        y: usize,
-        colour: [f32; 3],
-        own: [f32; 3],
-        (outline, fill): (f32, f32),
-    ) -> [f32; 3] {
-        if self.contour.has(x, y) {
-            mix(colour, own, outline)
-        } else if self.halo.has(x, y) {
-            mix(colour, [0.0; 3], HALO_DARKNESS * outline)
-        } else if self.inside.has(x, y) {
-            mix(colour, own, fill)
-        } else {
-            colour
-        }
-    }
-}
-
-/// Draws the highest score of a pixel in the colours of the palette. Equal scores have equal colours on every
-/// frame; what was not seen stays as it is.
-fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, look: OverlayLook) -> [f32; 3] {
-    // NaN is no maximum.
-    let best = prompts.iter().map(|p| p.scores.data[i]).fold(0.0, f32::max);
-    if best > 0.0 { mix(base, look.palette.colour(best.min(1.0)), look.heat_opacity) } else { base }
 }
 
 /// Returns `a` if `share` is 0 and `b` if it is 1.
@@ -339,22 +272,6 @@ mod tests {
     const GREY: [u8; 3] = [100; 3];
     const GREEN: [u8; 3] = [0, 200, 80];
 
-    /// Draws a disc of score 0.9 in a field of 0.1.
-    fn disc(size: usize) -> Grid<f32> {
-        let centre = size as f32 / 2.0;
-        let score = |i: usize| {
-            let (x, y) = ((i % size) as f32 + 0.5 - centre, (i / size) as f32 + 0.5 - centre);
-            if x * x + y * y < 0.1 * (size * size) as f32 { 0.9 } else { 0.1 }
-        };
-        Grid::from_vec(size, size, (0..size * size).map(score).collect())
-    }
-
-    fn draw(scores: &Grid<f32>, style: OverlayStyle, opacity: f32) -> RgbImage {
-        let frame = RgbImage::from_pixel(scores.width as u32, scores.height as u32, Rgb(GREY));
-        let look = OverlayLook { style, opacity, ..Default::default() };
-        overlay(&frame, &[OverlayPrompt::new(scores, 0.4, GREEN)], look)
-    }
-
     const HEAT: OverlayLook = OverlayLook {
         style: OverlayStyle::Heatmap,
         opacity: 1.0,
@@ -365,37 +282,41 @@ mod tests {
     };
     const FILL: OverlayLook = OverlayLook { style: OverlayStyle::Fill, ..HEAT };
 
-    #[test]
-    fn an_outline_is_contour_between_halos_and_leaves_the_rest_alone() {
-        let picture = draw(&disc(40), OverlayStyle::Outline, 1.0);
-        let dark = Rgb([40; 3]);
-        // Along the middle row: outside, halo, two pixels of contour, halo, inside.
-        let row: Vec<Rgb<u8>> = (5..13).map(|x| *picture.get_pixel(x, 20)).collect();
-        assert_eq!(row, [Rgb(GREY), dark, Rgb(GREEN), Rgb(GREEN), dark, Rgb(GREY), Rgb(GREY), Rgb(GREY)]);
-        assert_eq!(*picture.get_pixel(20, 20), Rgb(GREY));
+    /// Draws a prompt over a grey frame, in its size.
+    fn draw(prompt: OverlayPrompt<'_>, look: OverlayLook) -> RgbImage {
+        let scores = prompt.scores;
+        let frame = RgbImage::from_pixel(scores.width as u32, scores.height as u32, Rgb(GREY));
+        overlay(&frame, &[(prompt, false)], None, look, frame.dimensions())
+    }
+
+    /// Scores of which the left half is found.
+    fn left_half() -> Grid<f32> {
+        Grid::from_vec(40, 24, (0..40 * 24).map(|i| if i % 40 < 20 { 0.9 } else { 0.1 }).collect())
     }
 
     #[test]
-    fn a_fill_mixes_by_opacity_and_keeps_the_contour() {
-        let at = |opacity| *draw(&disc(40), OverlayStyle::Fill, opacity).get_pixel(20, 20);
-        assert_eq!(at(0.0), Rgb(GREY));
-        assert_eq!(at(0.5), Rgb([50, 150, 90]));
-        assert_eq!(at(1.0), Rgb(GREEN));
-        assert_eq!(*draw(&disc(40), OverlayStyle::Fill, 0.5).get_pixel(8, 20), Rgb(GREEN));
-    }
-
-    #[test]
-    fn a_faint_outline_lets_the_tissue_through() {
-        let scores = disc(40);
-        let frame = RgbImage::from_pixel(40, 40, Rgb(GREY));
+    fn a_fill_mixes_by_opacity_below_its_line() {
+        let scores = left_half();
         let prompt = OverlayPrompt::new(&scores, 0.4, GREEN);
-        let at = |outline_opacity| {
-            let picture = overlay(&frame, &[prompt], OverlayLook { outline_opacity, ..Default::default() });
-            [6, 8].map(|x| picture.get_pixel(x, 20).0)
+        let at = |opacity| {
+            let picture = draw(prompt, OverlayLook { opacity, ..FILL });
+            [8, 18].map(|x| *picture.get_pixel(x, 12))
         };
-        assert_eq!(at(0.0), [GREY; 2]);
-        assert_eq!(at(0.5), [[70; 3], [50, 150, 90]]);
-        assert_eq!(at(1.0), [[40; 3], GREEN]);
+        assert_eq!(at(0.0), [Rgb(GREY), Rgb(GREEN)]);
+        assert_eq!(at(0.5), [Rgb([50, 150, 90]), Rgb(GREEN)]);
+        assert_eq!(at(1.0), [Rgb(GREEN); 2]);
+        let outlined = draw(prompt, OverlayLook { style: OverlayStyle::Outline, ..FILL });
+        assert_eq!([8, 18].map(|x| *outlined.get_pixel(x, 12)), [Rgb(GREY), Rgb(GREEN)]);
+        let dashed = draw(OverlayPrompt { is_dashed: true, ..prompt }, FILL);
+        assert_eq!(*dashed.get_pixel(8, 12), Rgb(GREY), "what is only alike has no fill");
+    }
+
+    #[test]
+    fn lines_are_as_wide_on_an_enlarged_picture() {
+        let (scores, frame) = (left_half(), RgbImage::from_pixel(40, 24, Rgb(GREY)));
+        let prompts = [(OverlayPrompt::new(&scores, 0.4, GREEN), false)];
+        let picture = overlay(&frame, &prompts, None, OverlayLook::default(), (160, 96));
+        assert_eq!((0..160).filter(|x| *picture.get_pixel(*x, 50) == Rgb(GREEN)).count(), 2);
     }
 
     #[test]
@@ -423,8 +344,12 @@ mod tests {
         assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), above), all, "the later one covers both");
         let outlined = OverlayLook { style: OverlayStyle::Outline, ..FILL };
         assert_eq!(overlay_layers(&frame, &prompts, None, outlined), frame, "lines are drawn apart");
-        let both = [prompts[0].0, prompts[1].0];
-        assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), HEAT), overlay(&frame, &both, HEAT));
+        let hot = overlay_layers(&frame, &prompts, None, HEAT);
+        assert_eq!(
+            overlay_layers(&frame, &prompts, Some(&lower), HEAT),
+            hot,
+            "scores show on instruments, too"
+        );
     }
 
     #[test]
@@ -453,10 +378,9 @@ mod tests {
     #[test]
     fn heat_is_of_fixed_range_and_of_the_chosen_palette() {
         let ramp = Grid::from_vec(5, 1, vec![0.0, 0.25, 0.5, 0.75, 1.0]);
-        let frame = RgbImage::from_pixel(5, 1, Rgb(GREY));
         let prompt = OverlayPrompt::new(&ramp, 0.4, GREEN);
         for palette in Palette::ALL {
-            let picture = overlay(&frame, &[prompt], OverlayLook { palette, ..HEAT });
+            let picture = draw(prompt, OverlayLook { palette, ..HEAT });
             let expected = |i: usize| Rgb(to_bytes(palette.colour(i as f32 / 4.0)));
             assert_eq!(*picture.get_pixel(0, 0), Rgb(GREY), "what was not seen stays");
             assert!((1..5).all(|i| *picture.get_pixel(i as u32, 0) == expected(i)), "{palette:?}");
@@ -464,7 +388,7 @@ mod tests {
         // A score looks the same whatever else is in the picture.
         let alone = Grid::from_vec(1, 1, vec![0.25]);
         let prompt = OverlayPrompt { scores: &alone, ..prompt };
-        let small = overlay(&RgbImage::new(1, 1), &[prompt], HEAT);
+        let small = draw(prompt, HEAT);
         assert_eq!(small.get_pixel(0, 0).0, to_bytes(Palette::Inferno.colour(0.25)));
     }
 
@@ -472,8 +396,8 @@ mod tests {
     fn the_hotter_of_two_prompts_shows() {
         let (low, high) = (Grid::filled(1, 1, 0.3), Grid::filled(1, 1, 0.5));
         let prompt = |scores, colour| OverlayPrompt::new(scores, 0.4, colour);
-        let picture =
-            overlay(&RgbImage::new(1, 1), &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])], HEAT);
+        let prompts = [(prompt(&high, [200, 0, 0]), false), (prompt(&low, [0, 0, 200]), false)];
+        let picture = overlay_layers(&RgbImage::new(1, 1), &prompts, None, HEAT);
         assert_eq!(picture.get_pixel(0, 0).0, to_bytes(Palette::Inferno.colour(0.5)));
     }
 
@@ -482,18 +406,26 @@ mod tests {
         let frame = RgbImage::from_pixel(4, 3, Rgb(GREY));
         let (low, nan, misfit) =
             (Grid::filled(4, 3, 0.4), Grid::filled(4, 3, f32::NAN), Grid::filled(3, 4, 0.9));
+        let drawn = |frame: &RgbImage, prompts: &[(OverlayPrompt<'_>, bool)], look| {
+            overlay(frame, prompts, None, look, frame.dimensions())
+        };
         for scores in [&low, &nan, &misfit] {
             let prompt = OverlayPrompt::new(scores, 0.4, GREEN);
-            assert_eq!(overlay(&frame, &[prompt], FILL), frame);
+            assert_eq!(drawn(&frame, &[(prompt, false)], FILL), frame);
         }
-        assert_eq!(overlay(&frame, &[], HEAT), frame);
+        assert_eq!(
+            overlay_layers(&frame, &[(OverlayPrompt::new(&misfit, 0.4, GREEN), false)], None, HEAT),
+            frame
+        );
+        assert_eq!(drawn(&frame, &[], HEAT), frame);
         let nothing = RgbImage::new(0, 0);
-        assert_eq!(overlay(&nothing, &[], FILL), nothing);
+        assert_eq!(drawn(&nothing, &[], FILL), nothing);
     }
 
     #[test]
     fn a_region_that_fills_the_frame_has_no_contour() {
-        let picture = draw(&Grid::filled(8, 8, 0.9), OverlayStyle::Outline, 1.0);
+        let scores = Grid::filled(8, 8, 0.9);
+        let picture = draw(OverlayPrompt::new(&scores, 0.4, GREEN), OverlayLook::default());
         assert!(picture.pixels().all(|p| *p == Rgb(GREY)));
     }
 }

@@ -26,7 +26,7 @@ macro_rules! palettes {
             }
 
             /// Returns the factors of the powers 0 to 6 of a share, for red, green and blue from 0 to 1.
-            pub fn coefficients(self) -> [[f32; 3]; DEGREE + 1] {
+            fn coefficients(self) -> [[f32; 3]; DEGREE + 1] {
                 match self { $(Self::$palette => [$($coefficients),*]),* }
             }
         }

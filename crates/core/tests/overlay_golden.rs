@@ -29,8 +29,8 @@ fn drawn(style: OverlayStyle) -> RgbImage {
     let frame = Demo::new(&settings).unwrap().frame(1).colour;
     let (left, right) = (disc(0.35, 0.45, 0.3), disc(0.65, 0.6, 0.25));
     let prompt = |scores, colour| OverlayPrompt::new(scores, 0.5, colour);
-    let prompts = [prompt(&left, [61, 214, 255]), prompt(&right, [255, 122, 224])];
-    overlay(&frame, &prompts, OverlayLook { style, ..OverlayLook::default() })
+    let prompts = [(prompt(&left, [61, 214, 255]), false), (prompt(&right, [255, 122, 224]), false)];
+    overlay(&frame, &prompts, None, OverlayLook { style, ..OverlayLook::default() }, frame.dimensions())
 }
 
 fn golden(name: &str) -> PathBuf {

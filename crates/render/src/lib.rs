@@ -16,7 +16,7 @@ mod train;
 pub use device::{AdapterChoice, AdapterFacts, Gpu, Loss, Unavailable};
 pub use planes::{PlanePasses, RenderInput};
 pub use renderer::GpuRenderer;
-pub use shown::{Asked, OverlayRequest, RegionStyle, Shown, ShownPasses, Wanted};
+pub use shown::{Asked, Shown, Wanted};
 pub use timer::PassCost;
 pub use traffic::Traffic;
 pub use train::{GpuBackend, StepTrace};

@@ -5,7 +5,7 @@ use crate::{
     device::Gpu,
     planes::{PlanePasses, RenderInput},
     scene_buffers::SceneBuffers,
-    shown::{Asked, Shown, ShownPasses, Wanted},
+    shown::{Asked, Shown, ShownPasses, Wanted, parse},
     timer::{PassCost, Timer},
 };
 use surgtpgs_core::{
@@ -107,13 +107,13 @@ impl GpuRenderer {
         }
     }
 
-    /// Renders, scores the prompts, and draws the overlay, in one submission. Pixels outside `field_of_view`
-    /// are black and never found. It is sampled at the frame's size; `None` means that everything is inside.
+    /// Renders and scores the prompts in one submission. Pixels outside `field_of_view` are black and never
+    /// found. It is sampled at the frame's size; `None` means that everything is inside.
     pub fn show(
         &mut self,
         input: &RenderInput<'_>,
         field_of_view: Option<&Mask>,
-        mut asked: Option<Asked<'_>>,
+        asked: Option<Asked<'_>>,
         wanted: Wanted,
         clock: &mut FrameClock,
     ) -> Result<Shown> {
@@ -122,10 +122,7 @@ impl GpuRenderer {
             return Ok(Shown::default());
         }
         clock.start();
-        // Prompts that cannot be answered are left out.
-        asked = asked.filter(|a| {
-            !a.queries.is_empty() && a.overlay.is_none_or(|o| o.regions.len() == a.queries.len())
-        });
+        let mut asked = asked.filter(|asked| !asked.queries.is_empty());
         let is_asked = asked.is_some();
         let gpu = self.gpu.clone();
         let shown = gpu.guarded(|| {
@@ -139,7 +136,7 @@ impl GpuRenderer {
         shown
     }
 
-    /// Repeats the frame if pairs did not fit, and the overlay if the tables left pixels open.
+    /// Repeats the frame if pairs did not fit, and mends the scores if the tables left pixels open.
     fn show_until_right(
         &mut self,
         input: &RenderInput<'_>,
@@ -157,7 +154,7 @@ impl GpuRenderer {
             }
             // What is likely to be repaired is not read back before.
             let read = if asked.is_some() && self.had_open { Wanted::default() } else { wanted };
-            let (shown, num_open, num_pairs) = self.finish(encoder, asked.as_deref(), size, read)?;
+            let (shown, num_open, num_pairs) = self.finish(encoder, asked.is_some(), size, read)?;
             if self.planes.bin.grow_if_full(&self.gpu, num_pairs)? {
                 continue;
             }
@@ -170,26 +167,28 @@ impl GpuRenderer {
             if self.had_open {
                 self.shown.encode_repair(&mut encoder, asked, num_open)?;
             }
-            return Ok(self.finish(encoder, Some(asked), size, wanted)?.0);
+            return Ok(self.finish(encoder, true, size, wanted)?.0);
         }
     }
 
-    /// Adds the passes after the scores, submits, and waits. Returns the wanted results, the number of pixels
+    /// Adds what picture and depth need, submits, and waits. Returns the wanted results, the number of pixels
     /// that were left open, and the number of pairs wanted.
     fn finish(
         &mut self,
         mut encoder: wgpu::CommandEncoder,
-        asked: Option<&Asked<'_>>,
+        is_asked: bool,
         size: [u32; 2],
         wanted: Wanted,
     ) -> Result<(Shown, usize, u32)> {
-        let planes = &self.planes.raster.planes;
-        self.shown.encode_pictures(&mut encoder, &mut self.timer, planes, asked, size)?;
-        let [a, b, c, d, e, f] = self.shown.parts(asked, wanted);
-        let parts = [self.num_pairs_wanted(), a, b, c, d, e, f];
+        if wanted.picture || wanted.depth {
+            let planes = &self.planes.raster.planes;
+            self.shown.encode_picture(&mut encoder, &mut self.timer, planes, size)?;
+        }
+        let [a, b, c, d] = self.shown.parts(is_asked, wanted);
+        let parts = [self.num_pairs_wanted(), a, b, c, d];
         self.timer.finish(&mut encoder);
         submit(&self.gpu, &mut self.staging, encoder, &parts, |[num_pairs, parts @ ..]| {
-            let (shown, num_open) = self.shown.parse(parts, size);
+            let (shown, num_open) = parse(parts, size);
             (shown, num_open, bytemuck::pod_read_unaligned(num_pairs))
         })
     }

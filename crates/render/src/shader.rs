@@ -7,7 +7,6 @@ use surgtpgs_core::{
     Error, Result,
     deform::{self, BasisShape},
     gaussian,
-    overlay::OverlayStyle,
     raster::{self, sh},
 };
 
@@ -332,9 +331,6 @@ fn common_constants(latent_dim: usize) -> String {
     let mut out = String::new();
     integers.iter().for_each(|(name, value)| out.push_str(&constant(name, Number::Integer(*value as u32))));
     reals.iter().for_each(|(name, value)| out.push_str(&constant(name, Number::Real(*value))));
-    for style in OverlayStyle::ALL {
-        out.push_str(&constant(&format!("STYLE_{}", style.name().to_uppercase()), (style as u32).into()));
-    }
     for (name, values) in [("SH_C2", sh::C2.as_slice()), ("SH_C3", &sh::C3)] {
         let values: Vec<String> = values.iter().map(|v| format!("{:?}f", *v as f32)).collect();
         let _ = writeln!(out, "const {name} = array<f32, {}>({});", values.len(), values.join(", "));

@@ -57,10 +57,11 @@ pub(super) fn answers(engine: &mut Engine, answers: &Answers, panel_width: u32) 
         let scores = engine.scores(&images, &view)?;
         let picture = engine.original(frame)?.unwrap_or_else(|| images.to_rgb());
         let (threshold, colour) = (engine.settings().threshold, PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
-        let drawn: Vec<OverlayPrompt<'_>> =
-            scores.get(k).into_iter().map(|scores| OverlayPrompt::new(scores, threshold, colour)).collect();
+        let prompt = |scores| (OverlayPrompt::new(scores, threshold, colour), false);
+        let drawn: Vec<_> = scores.get(k).into_iter().map(prompt).collect();
         let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.45, ..Default::default() };
-        pictures.push(narrowed(overlay(&picture, &drawn, look), panel_width));
+        let drawn = overlay(&picture, &drawn, None, look, picture.dimensions());
+        pictures.push(narrowed(drawn, panel_width));
     }
     let rows: Vec<RgbImage> = pictures.chunks(3).map(side_by_side).collect();
     Ok((!rows.is_empty()).then(|| stacked(&rows)))

@@ -57,16 +57,14 @@ use surgtpgs_core::{
     marks::{ChapterMarks, Graph},
     mask::threshold,
     num::sigmoid,
-    overlay::{OverlayPrompt, overlay},
     prepare::EncoderIdentity,
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::{DepthOrigin, Sequence},
-    summary::Summary,
     train::Profile,
 };
-use surgtpgs_render::{Asked, GpuRenderer, OverlayRequest, RegionStyle, RenderInput, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, RenderInput, Shown, Wanted};
 
 /// Choice of the text encoder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -115,14 +113,14 @@ impl SceneView {
 }
 
 /// Request to score the prompts on a view.
-#[derive(Clone, Copy, Debug)]
-pub enum Ask<'a> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ask {
     /// No scores, and none later: no features are rendered.
     Nothing,
     /// No scores yet: the features are rendered, so that asking later costs no rendering.
     Later,
-    /// The scores of the prompts and, with a marking, the found areas drawn over the picture.
-    Now(Option<OverlayRequest<'a>>),
+    /// The scores of the prompts.
+    Now,
 }
 
 /// A scene that can be rendered and asked.
@@ -339,16 +337,15 @@ impl Engine {
         Ok(images)
     }
 
-    /// Shows a view: the picture and, as `ask` says, the scores of the prompts and the found areas drawn over
-    /// the picture. On a GPU only what is `wanted` leaves the device.
-    pub fn show(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+    /// Shows a view: the picture, the depth and, as `ask` says, the scores of the prompts. On a GPU only what
+    /// is `wanted` leaves the device.
+    pub fn show(&mut self, view: &SceneView, ask: Ask, wanted: Wanted) -> Result<Shown> {
         self.turn_to(view.time)?;
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
-        let asks = matches!(ask, Ask::Now(_));
-        if !self.machine.is_gpu() || (asks && (!has_lattice || self.chapter_marks.is_some())) {
+        if !self.machine.is_gpu() || (ask == Ask::Now && (!has_lattice || self.chapter_marks.is_some())) {
             return self.show_by_cpu(view, ask, wanted);
         }
-        let features = has_lattice && !matches!(ask, Ask::Nothing);
+        let features = has_lattice && ask != Ask::Nothing;
         self.on_a_working_machine(|engine| {
             let Self { scene, machine: Machine::Gpu(gpu), relevancy, asking, settings, clock, .. } = engine
             else {
@@ -357,8 +354,8 @@ impl Engine {
             let input = RenderInput { scene, camera: &view.camera, time: view.time, features };
             let field_of_view = view.recorded.then_some(&scene.field_of_view);
             let asked = match (ask, relevancy) {
-                (Ask::Now(marking), Some(Fastest::Lattice(lattice))) => {
-                    Some(Asked { lattice, queries: &asking.queries, settings, overlay: marking })
+                (Ask::Now, Some(Fastest::Lattice(lattice))) => {
+                    Some(Asked { lattice, queries: &asking.queries, settings })
                 }
                 _ => None,
             };
@@ -367,31 +364,14 @@ impl Engine {
     }
 
     /// Does the same as [`Engine::show`] pass by pass, with the images in memory.
-    fn show_by_cpu(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
-        let images = self.render(view, !matches!(ask, Ask::Nothing))?;
-        let (scores, marking) = match ask {
-            Ask::Now(marking) => (self.scores(&images, view)?, marking),
-            Ask::Nothing | Ask::Later => (Vec::new(), None),
-        };
-        self.clock.start();
-        let picture = wanted.pictures.then(|| images.to_rgb());
-        let depth = wanted.depth.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
-        let mut shown = Shown { depth, ..Shown::default() };
-        if let Some(OverlayRequest { regions, look, base }) = marking {
-            let marked = || scores.iter().zip(regions);
-            shown.summaries = marked().map(|(s, mark)| Summary::new(s, mark.threshold)).collect();
-            let prompt = |(scores, mark): (_, &RegionStyle)| OverlayPrompt {
-                scores,
-                threshold: mark.threshold,
-                colour: mark.colour,
-                is_dashed: mark.is_dashed,
-            };
-            let prompts: Vec<OverlayPrompt<'_>> = marked().map(prompt).collect();
-            let base = base.or(picture.as_ref());
-            shown.marked = base.map(|base| overlay(base, &prompts, look));
-            self.clock.lap(FramePass::Overlay);
-        }
-        Ok(Shown { picture, scores: if wanted.scores { scores } else { Vec::new() }, ..shown })
+    fn show_by_cpu(&mut self, view: &SceneView, ask: Ask, wanted: Wanted) -> Result<Shown> {
+        let images = self.render(view, ask != Ask::Nothing)?;
+        let is_scored = ask == Ask::Now && wanted.scores;
+        Ok(Shown {
+            picture: wanted.picture.then(|| images.to_rgb()),
+            depth: wanted.depth.then(|| images.normalised_depth(MIN_DEPTH_ALPHA)),
+            scores: if is_scored { self.scores(&images, view)? } else { Vec::new() },
+        })
     }
 
     /// Returns the Gaussian that adds most to a pixel of the view rendered or shown last.

@@ -4,10 +4,9 @@ use super::{ExportPrompt, Provenance, caption, stamp};
 use crate::{
     grid::{Grid, Mask},
     mask,
-    overlay::{outlines, overlay_layers},
-    strokes::draw_outlines,
+    overlay::overlay,
 };
-use image::{RgbImage, imageops};
+use image::RgbImage;
 use std::{borrow::Cow, sync::OnceLock};
 
 /// A frame with the masks of all prompts. `picture` and `scores` (one per prompt) have one size.
@@ -92,21 +91,14 @@ impl<'a> FrameContent<'a> {
         self.drawn(self.picture.width().min(max_width))
     }
 
-    /// Draws all prompts over the picture, `width` columns wide. Lines are drawn at this size: those of a
-    /// larger picture would fade or show its pixels.
+    /// Draws all prompts over the picture, `width` columns wide.
     fn drawn(&self, width: u32) -> RgbImage {
         let options = &self.provenance.options;
         let scores = self.kept_scores();
         let layer = |(scores, p): (_, &ExportPrompt)| (p.drawn(scores), p.is_instrument);
         let layers: Vec<_> = scores.iter().zip(&self.provenance.prompts).map(layer).collect();
-        let mut drawn = overlay_layers(self.picture, &layers, self.tools, options.look);
-        let (width, height) = scaled_size(self.picture.dimensions(), width);
-        if (width, height) != drawn.dimensions() {
-            drawn = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
-        }
-        let lines = outlines(&layers, self.tools, options.look);
-        draw_outlines(&mut drawn, &lines, self.size(), options.look.outline_opacity);
-        drawn
+        let size = scaled_size(self.picture.dimensions(), width);
+        overlay(self.picture, &layers, self.tools, options.look, size)
     }
 
     /// Returns the scores to draw. If prompts exclude each other, scores of pixels that another prompt

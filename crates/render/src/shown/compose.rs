@@ -6,7 +6,12 @@ use crate::{
     kernel::{Kernel, Pass},
     shader::{GROUP, shader, shader_struct},
 };
+use image::RgbImage;
+use rayon::prelude::*;
 use surgtpgs_core::{Result, raster::FEATURE_PLANE};
+
+/// Pixels that one thread converts at once.
+const PIXELS_AT_ONCE: usize = 1 << 15;
 
 shader! {
     pub(super) Wgsl = "compose.wgsl";
@@ -77,4 +82,12 @@ impl ComposePass {
         ];
         self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }
+}
+
+/// Converts the numbers of [`ComposePass::pixels`] to a picture of columns × rows.
+pub(super) fn to_picture([width, height]: [u32; 2], pixels: &[u32]) -> RgbImage {
+    let mut picture = RgbImage::new(width, height);
+    let colours = picture.par_chunks_exact_mut(3).zip(pixels).with_min_len(PIXELS_AT_ONCE);
+    colours.for_each(|(colour, number)| colour.copy_from_slice(&number.to_le_bytes()[..3]));
+    picture
 }

@@ -1,16 +1,13 @@
-//! From image planes to what is shown: the picture, the scores of prompts, the overlay on the picture. Only
-//! the wanted results are read back.
+//! From image planes to what is shown: the picture, the depth, the scores of prompts. Only the wanted results
+//! are read back.
 //!
 //! ```text
-//! image planes ─▶ compose ──▶ picture, depth
-//!   │                └─(or a recorded frame)─▶ overlay ─▶ marked picture
-//!   └─▶ lattice ─▶ scores ──────────────────────┘ └─▶ summary
+//! image planes ─┬▶ compose ─▶ picture, depth
+//!               └▶ lattice ─▶ scores
 //! ```
 
 mod compose;
 mod lattice;
-mod overlay;
-mod summary;
 
 use crate::{
     buffers::{DeviceVec, Part},
@@ -19,25 +16,20 @@ use crate::{
     shader::Shader,
     timer::Timer,
 };
-use compose::ComposePass;
+use compose::{ComposePass, to_picture};
 use image::RgbImage;
 use lattice::LatticePass;
-use overlay::{OverlayParams, OverlayPass, PromptRow, from_pixels, to_pixels};
 use rayon::prelude::*;
 use std::borrow::Cow;
-use summary::SummaryPass;
 use surgtpgs_core::{
     Result,
     grid::{Grid, Mask},
-    overlay::{OverlayLook, OverlayPrompt},
     raster::MIN_DEPTH_ALPHA,
     relevancy::{Lattice, Query, RelevancySettings},
-    summary::Summary,
 };
 
 /// Shaders of these passes.
-pub(crate) const SHADERS: &[Shader] =
-    &[compose::Wgsl::SHADER, lattice::Wgsl::SHADER, overlay::Wgsl::SHADER, summary::Wgsl::SHADER];
+pub(crate) const SHADERS: &[Shader] = &[compose::Wgsl::SHADER, lattice::Wgsl::SHADER];
 
 /// Prompts to search for.
 pub struct Asked<'a> {
@@ -47,37 +39,13 @@ pub struct Asked<'a> {
     pub queries: &'a [Query],
     /// Settings of the scores.
     pub settings: &'a RelevancySettings,
-    /// Overlay to draw; `None` if only the scores are wanted.
-    pub overlay: Option<OverlayRequest<'a>>,
-}
-
-/// Overlay of found regions.
-#[derive(Clone, Copy, Debug)]
-pub struct OverlayRequest<'a> {
-    /// Styles of the regions, one per prompt.
-    pub regions: &'a [RegionStyle],
-    /// Look of all regions; they are drawn over instruments here.
-    pub look: OverlayLook,
-    /// Picture to draw on instead of the rendered one; of the frame's size.
-    pub base: Option<&'a RgbImage>,
-}
-
-/// Style of one prompt's region.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RegionStyle {
-    /// Score above which a pixel is found.
-    pub threshold: f32,
-    /// Colour of the prompt.
-    pub colour: [u8; 3],
-    /// `true` for a dashed contour, see [`surgtpgs_core::overlay::OverlayPrompt`].
-    pub is_dashed: bool,
 }
 
 /// Results to be read back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// `true` for the rendered picture and the one with the overlay.
-    pub pictures: bool,
+    /// `true` for the rendered picture.
+    pub picture: bool,
     /// `true` for the depth of every pixel.
     pub depth: bool,
     /// `true` for the scores of every pixel.
@@ -86,7 +54,7 @@ pub struct Wanted {
 
 impl Wanted {
     /// Everything there is.
-    pub const ALL: Self = Self { pictures: true, depth: true, scores: true };
+    pub const ALL: Self = Self { picture: true, depth: true, scores: true };
 }
 
 /// Results that were read back.
@@ -94,58 +62,36 @@ impl Wanted {
 pub struct Shown {
     /// Rendered picture; black outside the field of view.
     pub picture: Option<RgbImage>,
-    /// Picture with the found regions drawn over it, if prompts were given.
-    pub marked: Option<RgbImage>,
     /// Depth in scene units; 0 at pixels without depth.
     pub depth: Option<Grid<f32>>,
     /// Score images, one per prompt.
     pub scores: Vec<Grid<f32>>,
-    /// Summaries, one per prompt.
-    pub summaries: Vec<Summary>,
 }
 
 /// The passes from image planes to what is shown.
 #[derive(Debug)]
-pub struct ShownPasses {
+pub(crate) struct ShownPasses {
     gpu: Gpu,
     compose: ComposePass,
     lattice: LatticePass,
-    overlay: OverlayPass,
-    summary: SummaryPass,
     /// Pixels inside the field of view, one bit per pixel.
     inside: DeviceVec<u32>,
     /// Size and field of view that `inside` was made for.
     inside_of: Option<([u32; 2], Option<Mask>)>,
-    prompts: DeviceVec<PromptRow>,
-    marked: DeviceVec<u32>,
 }
 
 impl ShownPasses {
     /// Compiles the passes.
-    pub fn new(gpu: &Gpu) -> Result<Self> {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         gpu.guarded(|| {
             Ok(Self {
                 gpu: gpu.clone(),
                 compose: ComposePass::new(gpu)?,
                 lattice: LatticePass::new(gpu)?,
-                overlay: OverlayPass::new(gpu)?,
-                summary: SummaryPass::new(gpu)?,
                 inside: DeviceVec::new(gpu, "field of view"),
                 inside_of: None,
-                prompts: DeviceVec::new(gpu, "prompts"),
-                marked: DeviceVec::new(gpu, "pixels"),
             })
         })
-    }
-
-    /// Twin of [`surgtpgs_core::overlay::overlay`].
-    pub fn overlay(
-        &self,
-        frame: &RgbImage,
-        prompts: &[OverlayPrompt<'_>],
-        look: OverlayLook,
-    ) -> Result<RgbImage> {
-        self.gpu.guarded(|| self.overlay.draw(&self.gpu, frame, prompts, look))
     }
 
     /// Uploads the pixels that are inside, unless the last call was the same.
@@ -174,7 +120,7 @@ impl ShownPasses {
         asked: &mut Asked<'_>,
         size: [u32; 2],
     ) -> Result<()> {
-        let Asked { lattice, queries, settings, .. } = asked;
+        let Asked { lattice, queries, settings } = asked;
         let num_pixels = (size[0] * size[1]) as usize;
         self.lattice.prepare(&self.gpu, lattice, queries, settings.temperature, num_pixels)?;
         let pass = &mut timer.begin(encoder, "lattice");
@@ -189,78 +135,53 @@ impl ShownPasses {
         asked: &mut Asked<'_>,
         num_open: usize,
     ) -> Result<()> {
-        let Asked { lattice, queries, settings, .. } = asked;
+        let Asked { lattice, queries, settings } = asked;
         self.lattice.repair(&self.gpu, lattice, queries, settings, num_open)?;
         self.lattice.encode_patch(&self.gpu, &mut Pass::begin(encoder));
         Ok(())
     }
 
-    /// Adds the passes after the scores.
-    pub(crate) fn encode_pictures(
+    /// Adds the pass that makes picture and depth.
+    pub(crate) fn encode_picture(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         planes: &DeviceVec<f32>,
-        asked: Option<&Asked<'_>>,
         size: [u32; 2],
     ) -> Result<()> {
-        let Self { gpu, compose, lattice, overlay, summary, inside, prompts, marked, .. } = self;
+        let Self { gpu, compose, inside, .. } = self;
         compose.prepare(gpu, (size[0] * size[1]) as usize)?;
         compose.encode(gpu, &mut timer.begin(encoder, "compose"), planes, inside, MIN_DEPTH_ALPHA);
-        let Some(request) = asked.and_then(|a| a.overlay) else { return Ok(()) };
-        let rows: Vec<PromptRow> =
-            request.regions.iter().map(|r| PromptRow::new(r.colour, r.threshold, r.is_dashed)).collect();
-        prompts.write(gpu, &rows)?;
-        marked.resize(gpu, compose.pixels.len())?;
-        match request.base {
-            Some(base) => marked.write(gpu, &to_pixels(base))?,
-            None => {
-                let (pixels, num_bytes) = compose.pixels.part();
-                encoder.copy_buffer_to_buffer(&pixels, 0, marked.buffer(), 0, num_bytes);
-            }
-        }
-        let params = OverlayParams::new(size, request.regions.len(), request.look);
-        let scores = &lattice.scores;
-        overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, prompts, scores, marked);
-        summary.prepare(gpu, size, request.regions.len())?;
-        encoder.clear_buffer(summary.summaries.buffer(), 0, None);
-        summary.encode(gpu, &mut timer.begin(encoder, "summary"), prompts, scores);
         Ok(())
     }
 
     /// Parts to read back; those that are not wanted are empty.
-    pub(crate) fn parts(&self, asked: Option<&Asked<'_>>, wanted: Wanted) -> [Part; 6] {
-        let (is_asked, is_marked) = (asked.is_some(), asked.is_some_and(|a| a.overlay.is_some()));
+    pub(crate) fn parts(&self, is_asked: bool, wanted: Wanted) -> [Part; 4] {
         [
             (is_asked, self.lattice.num_open.part()),
-            (is_marked, self.summary.summaries.part()),
-            (wanted.pictures, self.compose.pixels.part()),
-            (wanted.pictures && is_marked, self.marked.part()),
+            (wanted.picture, self.compose.pixels.part()),
             (wanted.depth, self.compose.depths.part()),
             (wanted.scores && is_asked, self.lattice.scores.part()),
         ]
         .map(|(is_wanted, part)| if is_wanted { part } else { (part.0, 0) })
     }
+}
 
-    /// Converts the bytes of [`Self::parts`] to results, and the number of pixels that were left open.
-    pub(crate) fn parse(&self, parts: [&[u8]; 6], size: [u32; 2]) -> (Shown, usize) {
-        let parts = parts.map(words);
-        let [num_open, summaries, picture, marked, depth, scores] = parts.each_ref().map(|words| &**words);
-        let picture_of = |pixels: &[u32]| (!pixels.is_empty()).then(|| from_pixels(size, pixels));
-        let [width, height] = size.map(|n| n as usize);
-        let grids = |numbers: &[u32]| -> Vec<Grid<f32>> {
-            let grid = |bits: &[u32]| Grid::from_vec(width, height, bytemuck::cast_slice(bits).to_vec());
-            numbers.par_chunks_exact((width * height).max(1)).map(grid).collect()
-        };
-        let shown = Shown {
-            picture: picture_of(picture),
-            marked: picture_of(marked),
-            depth: grids(depth).pop(),
-            scores: grids(scores),
-            summaries: self.summary.parse(summaries),
-        };
-        (shown, num_open.first().map_or(0, |n| *n as usize))
-    }
+/// Converts the bytes of [`ShownPasses::parts`] to results, and the number of pixels that were left open.
+pub(crate) fn parse(parts: [&[u8]; 4], size: [u32; 2]) -> (Shown, usize) {
+    let parts = parts.map(words);
+    let [num_open, picture, depth, scores] = parts.each_ref().map(|words| &**words);
+    let [width, height] = size.map(|n| n as usize);
+    let grids = |numbers: &[u32]| -> Vec<Grid<f32>> {
+        let grid = |bits: &[u32]| Grid::from_vec(width, height, bytemuck::cast_slice(bits).to_vec());
+        numbers.par_chunks_exact((width * height).max(1)).map(grid).collect()
+    };
+    let shown = Shown {
+        picture: (!picture.is_empty()).then(|| to_picture(size, picture)),
+        depth: grids(depth).pop(),
+        scores: grids(scores),
+    };
+    (shown, num_open.first().map_or(0, |n| *n as usize))
 }
 
 /// Returns bytes as numbers, where they lie if a number may begin there.

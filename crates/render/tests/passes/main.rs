@@ -21,13 +21,11 @@ mod golden;
 mod harness_can_fail;
 /// Adapters with low limits.
 mod limits;
-/// Pictures with overlays.
-mod overlay;
 /// The renderer as a whole: twin, growth of buffers, scene changes, bad scenes.
 mod renderer;
 /// Every .wgsl file compiles; Rust and WGSL agree on every struct.
 mod shaders;
-/// From Gaussians to the overlay on the picture.
+/// From Gaussians to picture and scores.
 mod shown;
 /// Each pass of a training step against its twin.
 mod train;

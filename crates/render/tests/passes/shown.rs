@@ -1,25 +1,19 @@
-//! Compares the chain from Gaussians to the overlay with core on the same image planes.
+//! Compares the chain from Gaussians to picture and scores with core on the same image planes.
 
 use crate::{
     compare::{self, SMOOTH, Tolerance},
     fixture::{Recipe, camera, codec, gpu, moved_camera, query, scene, uncertain},
 };
-use image::{Rgb, RgbImage};
 use surgtpgs_core::{
     camera::Camera,
     grid::{Grid, Mask},
-    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
     raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
     relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
-    summary::Summary,
 };
-use surgtpgs_render::{Asked, GpuRenderer, OverlayRequest, RegionStyle, RenderInput, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, RenderInput, Shown, Wanted};
 
-const REGIONS: [RegionStyle; 2] = [
-    RegionStyle { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
-    RegionStyle { colour: [204, 121, 167], threshold: 0.3, is_dashed: true },
-];
+const SCORES: Wanted = Wanted { picture: false, depth: false, scores: true };
 
 /// A renderer, a scene, and the prompts.
 pub(crate) struct Stage {
@@ -43,26 +37,20 @@ impl Stage {
         })
     }
 
-    fn show(&mut self, time: f32, field_of_view: Option<&Mask>, base: Option<&RgbImage>) -> Shown {
-        self.show_as(time, field_of_view, base, OverlayStyle::Fill, Wanted::ALL)
+    pub(crate) fn show(&mut self, time: f32, field_of_view: Option<&Mask>) -> Shown {
+        self.show_wanted(time, field_of_view, Wanted::ALL, &mut FrameClock::default())
     }
 
-    pub(crate) fn show_as(
+    fn show_wanted(
         &mut self,
         time: f32,
         field_of_view: Option<&Mask>,
-        base: Option<&RgbImage>,
-        style: OverlayStyle,
         wanted: Wanted,
+        clock: &mut FrameClock,
     ) -> Shown {
         let input = RenderInput { scene: &self.scene, camera: &self.camera, time, features: true };
-        let asked = Asked {
-            lattice: &mut self.lattice,
-            queries: &self.queries,
-            settings: &self.settings,
-            overlay: Some(OverlayRequest { regions: &REGIONS, look: look(style), base }),
-        };
-        self.renderer.show(&input, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
+        let asked = Asked { lattice: &mut self.lattice, queries: &self.queries, settings: &self.settings };
+        self.renderer.show(&input, field_of_view, Some(asked), wanted, clock).unwrap()
     }
 
     /// Reads the device's own planes, so that each later pass is compared by itself.
@@ -83,35 +71,14 @@ pub(crate) fn disc() -> Mask {
     Grid::from_vec(40, 30, (0..1200).map(is_inside).collect())
 }
 
-fn look(style: OverlayStyle) -> OverlayLook {
-    OverlayLook { style, ..Default::default() }
-}
-
-pub(crate) fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
-    let prompt = |(scores, region): (_, &RegionStyle)| OverlayPrompt {
-        scores,
-        threshold: region.threshold,
-        colour: region.colour,
-        is_dashed: region.is_dashed,
-    };
-    let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&REGIONS).map(prompt).collect();
-    overlay(frame, &prompts, look(style))
-}
-
 #[test]
 fn every_pass_after_the_raster_equals_its_twin() {
     let Some(mut stage) = Stage::new() else { return };
-    let (mask, recorded) = (disc(), RgbImage::from_pixel(121, 77, Rgb([90, 40, 30])));
-    let views = [
-        (0.2, None, None, OverlayStyle::Outline),
-        (0.7, Some(&mask), None, OverlayStyle::Fill),
-        (0.7, Some(&mask), Some(&recorded), OverlayStyle::Heatmap),
-    ];
-    for (time, field_of_view, base, style) in views {
-        let shown = stage.show_as(time, field_of_view, base, style, Wanted::ALL);
+    let mask = disc();
+    for (time, field_of_view) in [(0.2, None), (0.7, Some(&mask))] {
+        let shown = stage.show(time, field_of_view);
         let planes = stage.planes(time, field_of_view);
-        let picture = planes.to_rgb();
-        compare::pictures(shown.picture.as_ref().unwrap(), &picture).unwrap();
+        compare::pictures(&shown.picture.unwrap(), &planes.to_rgb()).unwrap();
         let depth = planes.normalised_depth(MIN_DEPTH_ALPHA);
         compare::close("depth", &shown.depth.unwrap().data, &depth.data, SMOOTH).unwrap();
 
@@ -124,12 +91,8 @@ fn every_pass_after_the_raster_equals_its_twin() {
             let tolerance = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
             compare::close("scores", &found.data, &expected.data, tolerance).unwrap();
         }
-        let marked = drawn(base.unwrap_or(&picture), &shown.scores, style);
-        compare::pictures(shown.marked.as_ref().unwrap(), &marked).unwrap();
-        let summaries: Vec<Summary> =
-            shown.scores.iter().zip(&REGIONS).map(|(s, m)| Summary::new(s, m.threshold)).collect();
-        assert_eq!(shown.summaries, summaries);
-        assert!(summaries.iter().any(|s| s.area_px() > 50 && s.area_px() < 121 * 77), "{summaries:?}");
+        let found = shown.scores[1].data.iter().filter(|s| **s > 0.3).count();
+        assert!((50..121 * 77).contains(&found), "{found} pixels are found");
     }
 }
 
@@ -139,10 +102,10 @@ fn a_repeated_prompt_and_one_that_means_nothing_have_their_own_scores() {
     let [first, other] = [stage.queries[0].clone(), stage.queries[1].clone()];
     let nothing = Query { meant: Vec::new(), ..first.clone() };
     // The tables of earlier prompts are known already.
-    stage.show(0.4, None, None);
+    stage.show(0.4, None);
     for queries in [vec![other.clone(), other.clone()], vec![first.clone(), nothing], vec![first, other]] {
         stage.queries = queries;
-        let shown = stage.show(0.4, None, None);
+        let shown = stage.show(0.4, None);
         let planes = stage.planes(0.4, None);
         let scores = stage.lattice.score(&planes, &stage.queries, &stage.settings);
         for (found, expected) in shown.scores.iter().zip(&scores) {
@@ -157,7 +120,7 @@ fn a_repeated_prompt_and_one_that_means_nothing_have_their_own_scores() {
 #[test]
 fn scores_keep_the_promise_against_decoding_every_pixel() {
     let Some(mut stage) = Stage::new() else { return };
-    let shown = stage.show(0.4, None, None);
+    let shown = stage.show(0.4, None);
     let planes = stage.planes(0.4, None);
     let exact = Exact::new(codec()).score(&planes, &stage.queries, &stage.settings);
     for (found, exact) in shown.scores.iter().zip(&exact) {
@@ -172,18 +135,18 @@ fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
     let Some(mut stage) = Stage::new() else { return };
     // There are no cells yet, so all of the first frame is open. Later only the pixels that no cell can
     // decide are.
-    let first = stage.show(0.4, None, None);
+    let first = stage.show(0.4, None);
     let cells = stage.lattice.report().cells;
-    let second = stage.show(0.4, None, None);
+    let second = stage.show(0.4, None);
     assert!(cells > 100 && stage.lattice.report().cells == cells);
     for (first, second) in first.scores.iter().zip(&second.scores) {
         let rounding = Tolerance { absolute: 1e-5, relative: 0.0 };
         compare::close("scores", &first.data, &second.data, rounding).unwrap();
     }
-    assert_eq!(second.marked, stage.show(0.4, None, None).marked);
+    assert_eq!(second.scores, stage.show(0.4, None).scores);
     // A new prompt cuts cells that are still whole on the device.
     stage.queries[1] = query("grasper of steel", 3);
-    let third = stage.show(0.4, None, None);
+    let third = stage.show(0.4, None);
     let planes = stage.planes(0.4, None);
     let exact = Exact::new(codec()).score(&planes, &stage.queries, &stage.settings);
     let promise = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
@@ -193,30 +156,17 @@ fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
 #[test]
 fn only_what_is_wanted_comes_back() {
     let Some(mut stage) = Stage::new() else { return };
-    let nothing = stage.show_as(0.4, None, None, OverlayStyle::Outline, Wanted::default());
-    assert!(nothing.picture.is_none() && nothing.marked.is_none() && nothing.depth.is_none());
-    assert!(nothing.scores.is_empty() && nothing.summaries.len() == 2);
-    let input = RenderInput { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: true };
-    let asked = Asked {
-        lattice: &mut stage.lattice,
-        queries: &stage.queries,
-        settings: &stage.settings,
-        overlay: None,
-    };
     let clock = &mut FrameClock::default();
-    let scores = Wanted { scores: true, ..Wanted::default() };
-    let scored = stage.renderer.show(&input, None, Some(asked), scores, clock).unwrap();
-    assert!(
-        scored.scores.len() == 2
-            && scored.depth.is_none()
-            && scored.marked.is_none()
-            && scored.summaries.is_empty()
-    );
+    let nothing = stage.show_wanted(0.4, None, Wanted::default(), clock);
+    assert!(nothing.picture.is_none() && nothing.depth.is_none() && nothing.scores.is_empty());
+    let clock = &mut FrameClock::default();
+    let scored = stage.show_wanted(0.4, None, SCORES, clock);
+    assert!(scored.picture.is_none() && scored.depth.is_none() && scored.scores.len() == 2);
     // The image planes are still valid.
     assert_eq!((clock.runs(FramePass::Raster), clock.runs(FramePass::Relevancy)), (0, 1));
     let input = RenderInput { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
     let bare = stage.renderer.show(&input, None, None, Wanted::ALL, &mut FrameClock::default()).unwrap();
-    assert!(bare.marked.is_none() && bare.scores.is_empty() && bare.summaries.is_empty());
+    assert!(bare.depth.is_some() && bare.scores.is_empty());
     let planes = stage.renderer.render(&stage.scene, &stage.camera, 0.4, false).unwrap();
     compare::pictures(&bare.picture.unwrap(), &planes.to_rgb()).unwrap();
 }
@@ -249,15 +199,18 @@ fn passes_are_timed_where_the_adapter_can() {
     if !stage.renderer.time_passes() {
         return;
     }
-    stage.show(0.4, None, None);
-    stage.show(0.5, None, None);
+    stage.show(0.4, None);
+    stage.show(0.5, None);
     let costs = stage.renderer.pass_costs().unwrap();
     let names: Vec<&str> = costs.iter().map(|cost| cost.name).collect();
-    assert!(names.starts_with(&["deform", "project", "bin", "raster", "lattice", "compose", "overlay"]));
+    assert!(names.starts_with(&["deform", "project", "bin", "raster", "lattice", "compose"]), "{names:?}");
     assert!(costs.iter().all(|cost| (0.0..10_000.0).contains(&cost.ms) && cost.bytes > 0), "{costs:?}");
     // The picture and the depth are written, the planes without features and one bit per pixel are read.
     let pixels = 121 * 77;
     let compose = costs.iter().find(|cost| cost.name == "compose").unwrap();
     let expected = pixels * 4 * (2 + FEATURE_PLANE as u64) + pixels.div_ceil(32) * 4;
     assert!(compose.bytes.abs_diff(expected) < 64, "{compose:?}, expected {expected}");
+    stage.show_wanted(0.6, None, SCORES, &mut FrameClock::default());
+    let costs = stage.renderer.pass_costs().unwrap();
+    assert!(costs.iter().all(|cost| cost.name != "compose"), "no picture is wanted: {costs:?}");
 }

@@ -453,19 +453,19 @@ fn in_half_precision(images: &Images) -> Images {
     images
 }
 
-/// Times drawing the outlines of the first prompt over every frame.
+/// Times drawing the outlines of the first prompt over every frame, as exports do.
 fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Timing {
     let pairs: Vec<_> = images.iter().map(Images::to_rgb).zip(scores).collect();
     let ms = pairs
         .iter()
         .map(|(frame, scores)| {
             let started = Instant::now();
-            let prompt = OverlayPrompt::new(scores, 0.4, [0, 200, 80]);
-            std::hint::black_box(overlay(frame, &[prompt], OverlayLook::default()));
+            let prompts = [(OverlayPrompt::new(scores, 0.4, [0, 200, 80]), false)];
+            std::hint::black_box(overlay(frame, &prompts, None, OverlayLook::default(), frame.dimensions()));
             started.elapsed().as_secs_f64() * 1e3
         })
         .collect();
-    Timing::of("overlay", "outline of one prompt", ms)
+    Timing::of("overlay", "outline of one prompt, drawn as in exports", ms)
 }
 
 fn with_errors(row: Timing, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Timing {

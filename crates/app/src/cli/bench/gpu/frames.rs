@@ -1,18 +1,17 @@
-//! Frames of a scene from Gaussians to the marked picture: on the GPU, whole and pass by pass, and on the
-//! CPU.
+//! Frames of a scene from Gaussians to the picture and the scores: on the GPU, whole and pass by pass, and on
+//! the CPU.
 
 use super::steps::PassRow;
 use crate::{
-    cli::bench::shown::{AGAIN, Show, WAYS, spread},
-    engine::{BackendChoice, Engine, EngineOptions},
+    cli::bench::shown::{Way, pass_costs, spread, views, ways},
+    engine::{Ask, BackendChoice, Engine, EngineOptions, SceneView},
     viewer::time_pictures,
 };
-use image::RgbImage;
 use std::sync::Arc;
 use surgtpgs_core::{Error, Result, camera::Camera, num::median, scene::Scene};
-use surgtpgs_render::Wanted;
+use surgtpgs_render::{Traffic, Wanted};
 
-/// Numbers of prompts that are marked at once.
+/// Numbers of prompts that are asked at once.
 pub(super) const NUM_PROMPTS: [usize; 2] = [1, 8];
 
 /// Words that fill up the classes of a scene.
@@ -29,9 +28,16 @@ pub(super) struct Frames {
     pub(super) prompts: usize,
     pub(super) ways: Vec<WayRow>,
     pub(super) passes: Vec<PassRow>,
-    /// Share of the channels of the marked pictures that are more than one level of 255 from the CPU's.
+    pub(super) pictures: Differences,
+    pub(super) scores: Differences,
+}
+
+/// Differences of a device's results from the CPU's.
+#[derive(Clone, Copy, Default, serde::Serialize)]
+pub(super) struct Differences {
+    /// Share of the values that are more than one level of 255 off.
     pub(super) beyond_a_level: f64,
-    /// Mean difference of the marked pictures from the CPU's, levels of 255.
+    /// Mean difference, levels of 255.
     pub(super) mean_levels: f64,
 }
 
@@ -68,16 +74,12 @@ pub(super) fn measure(
         Ok(engine)
     };
     let (mut gpu, mut cpu) = (open(BackendChoice::Gpu)?, open(BackendChoice::Cpu)?);
-    let show = Show::new(&gpu, &cameras);
-    let mut ways: Vec<WayRow> = WAYS
-        .into_iter()
-        .map(|(way, wanted)| way_row(way, wanted, &show, &mut gpu, &mut cpu))
-        .collect::<Result<_>>()?;
-    let (again, wanted) = AGAIN;
-    ways.push(way_row(again, wanted, &show.again(), &mut gpu, &mut cpu)?);
-    let [beyond_a_level, mean_levels] = differences(&show, &mut gpu, &mut cpu)?;
+    let views = views(&cameras);
+    let rows = ways(&views).into_iter().map(|way| way_row(&way, &mut gpu, &mut cpu));
+    let mut ways = rows.collect::<Result<Vec<WayRow>>>()?;
+    let [pictures, scores] = differences(&views, &mut gpu, &mut cpu)?;
     let of = format!("frame of {name}, {num_prompts} prompts");
-    let costs = show.pass_costs(&mut gpu)?;
+    let costs = pass_costs(&mut gpu, &views)?;
     ways.extend(window_rows(gpu, cpu, &words, &frames)?);
     Ok(Some(Frames {
         scene: name.to_owned(),
@@ -90,8 +92,8 @@ pub(super) fn measure(
             .iter()
             .map(|c| PassRow { of: of.clone(), pass: c.name.to_owned(), ms: c.ms, bytes: c.bytes as f64 })
             .collect(),
-        beyond_a_level,
-        mean_levels,
+        pictures,
+        scores,
     }))
 }
 
@@ -101,29 +103,25 @@ fn prompts(scene: &Scene) -> impl Iterator<Item = String> {
     classes.chain(MORE_WORDS.map(str::to_owned))
 }
 
-fn way_row(
-    way: &'static str,
-    wanted: Wanted,
-    show: &Show,
-    gpu: &mut Engine,
-    cpu: &mut Engine,
-) -> Result<WayRow> {
-    let on_gpu = show.time(gpu, wanted)?;
+fn way_row(way: &Way, gpu: &mut Engine, cpu: &mut Engine) -> Result<WayRow> {
+    let on_gpu = way.time(gpu)?;
     // In a round of its own, because the times' first round uploads the scene.
-    let before = gpu.gpu().map(|renderer| renderer.gpu().traffic()).unwrap_or_default();
-    for view in &show.views {
-        gpu.show(view, show.ask(), wanted)?;
-    }
-    let after = gpu.gpu().map(|renderer| renderer.gpu().traffic()).unwrap_or_default();
-    let crossed = after.since(&before);
-    let frames = show.views.len().max(1) as f64;
+    let before = traffic(gpu);
+    way.show(gpu)?;
+    let crossed = traffic(gpu).since(&before);
+    let frames = way.views.len().max(1) as f64;
     Ok(WayRow {
-        way,
+        way: way.name,
         gpu_ms: median_ms(on_gpu),
-        cpu_ms: median_ms(show.time(cpu, wanted)?),
+        cpu_ms: median_ms(way.time(cpu)?),
         uploaded: crossed.uploaded as f64 / frames,
         read_back: crossed.read_back as f64 / frames,
     })
+}
+
+/// Returns the bytes that crossed between this program and the device so far.
+fn traffic(engine: &mut Engine) -> Traffic {
+    engine.gpu().map(|renderer| renderer.gpu().traffic()).unwrap_or_default()
 }
 
 /// Times the window's pictures, which are cleaned and outlined as well. Their scores come back from a device.
@@ -150,21 +148,41 @@ fn median_ms(mut ms: Vec<f64>) -> f64 {
     median(&mut ms).unwrap_or(0.0)
 }
 
-/// Compares the marked pictures of both: the share of channels beyond a level, and the mean difference.
-fn differences(show: &Show, gpu: &mut Engine, cpu: &mut Engine) -> Result<[f64; 2]> {
-    let pictures = Wanted { pictures: true, ..Wanted::default() };
-    let (mut beyond, mut sum, mut count) = (0_u64, 0_u64, 0_usize);
-    for view in &show.views {
-        let marked = |engine: &mut Engine| -> Result<RgbImage> {
-            let shown = engine.show(view, show.ask(), pictures)?;
-            shown.marked.ok_or_else(|| Error::input("the picture did not come back", ""))
-        };
-        let (found, expected) = (marked(gpu)?, marked(cpu)?);
-        for (a, b) in found.as_raw().iter().zip(expected.as_raw()) {
-            beyond += u64::from(a.abs_diff(*b) > 1);
-            sum += u64::from(a.abs_diff(*b));
+/// Compares the pictures of both, and the scores.
+fn differences(views: &[SceneView], gpu: &mut Engine, cpu: &mut Engine) -> Result<[Differences; 2]> {
+    let (mut pictures, mut scores) = (Levels::default(), Levels::default());
+    for view in views {
+        let [found, expected] = [&mut *gpu, &mut *cpu].map(|engine| engine.show(view, Ask::Now, Wanted::ALL));
+        let (found, expected) = (found?, expected?);
+        for (a, b) in found.picture.iter().zip(&expected.picture) {
+            pictures.add(a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))));
         }
-        count += expected.as_raw().len();
+        for (a, b) in found.scores.iter().zip(&expected.scores) {
+            scores.add(a.data.iter().zip(&b.data).map(|(a, b)| 255.0 * f64::from((a - b).abs())));
+        }
     }
-    Ok([beyond, sum].map(|v| v as f64 / count.max(1) as f64))
+    Ok([pictures, scores].map(|levels| levels.differences()))
+}
+
+/// Differences that were added up, levels of 255.
+#[derive(Default)]
+struct Levels {
+    beyond: usize,
+    sum: f64,
+    count: usize,
+}
+
+impl Levels {
+    fn add(&mut self, differences: impl Iterator<Item = f64>) {
+        for difference in differences {
+            self.beyond += usize::from(difference > 1.0);
+            self.sum += difference;
+            self.count += 1;
+        }
+    }
+
+    fn differences(&self) -> Differences {
+        let count = self.count.max(1) as f64;
+        Differences { beyond_a_level: self.beyond as f64 / count, mean_levels: self.sum / count }
+    }
 }

@@ -144,19 +144,24 @@ fn frames_table(frames: &[Frames]) -> String {
 }
 
 fn errors_table(frames: &[Frames]) -> String {
+    let share = |share: f64| format!("{:.3} %", 100.0 * share);
     let rows = frames.iter().map(|f| {
         vec![
             scene_of(f),
             f.prompts.to_string(),
-            format!("{:.3} %", 100.0 * f.beyond_a_level),
-            format!("{:.4}", f.mean_levels),
+            share(f.pictures.beyond_a_level),
+            format!("{:.4}", f.pictures.mean_levels),
+            share(f.scores.beyond_a_level),
+            format!("{:.4}", f.scores.mean_levels),
         ]
     });
     let head = [
-        "marked pictures of",
+        "differences from the CPU of",
         "prompts",
-        "channels more than 1/255 from the CPU's",
-        "mean difference, 1/255",
+        "channels of pictures beyond 1/255",
+        "their mean, 1/255",
+        "scores beyond 1/255",
+        "their mean, 1/255",
     ];
     table(&head, rows)
 }

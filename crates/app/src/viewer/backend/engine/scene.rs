@@ -131,7 +131,7 @@ impl SceneSource {
     fn ask(&mut self, view: &engine::SceneView, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
         self.engine.set_questions(questions)?;
         let wanted = Wanted { scores: true, ..Wanted::default() };
-        Ok(self.engine.show(view, Ask::Now(None), wanted)?.scores)
+        Ok(self.engine.show(view, Ask::Now, wanted)?.scores)
     }
 }
 
@@ -156,7 +156,7 @@ impl FrameSource for SceneSource {
         let is_turned = parts.colour && !view.orbit.is_home();
         let recorded_depth = if is_turned { self.recorded_depth(view)? } else { Arc::default() };
         let ask = if parts.features { Ask::Later } else { Ask::Nothing };
-        let wanted = Wanted { pictures: parts.colour, depth: parts.depth || is_turned, scores: false };
+        let wanted = Wanted { picture: parts.colour, depth: parts.depth || is_turned, scores: false };
         let Shown { picture, depth, .. } = self.engine.show(&engine_view, ask, wanted)?;
         let unseen = |depth| self.engine.unseen(&engine_view, depth, view.frame, &recorded_depth);
         let unseen = depth.as_ref().filter(|_| is_turned).map(unseen).transpose()?;
