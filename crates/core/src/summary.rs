@@ -1,10 +1,10 @@
-//! Summary of the scores of a prompt in one picture; twin of `shaders/summary.wgsl`.
+//! Summary of the scores of a prompt in one picture.
 
 use crate::grid::Grid;
 use rayon::prelude::*;
 
-/// Rows that one thread summarises at once.
-const ROWS_AT_ONCE: usize = 32;
+/// Pixels that one thread summarises at once.
+const PIXELS_AT_ONCE: usize = 1 << 14;
 /// Number of bins of a histogram of scores.
 pub const SCORE_BINS: usize = 50;
 
@@ -16,65 +16,30 @@ pub struct Summary {
     pub histogram: [u32; SCORE_BINS],
     /// The highest score; 0 if nothing is seen.
     pub max_score: f32,
-    /// Number of pixels above the threshold in each column.
-    pub columns: Vec<u32>,
-    /// Number of pixels above the threshold in each row.
-    pub rows: Vec<u32>,
 }
 
 impl Summary {
-    /// Summarises `scores`. Pixels strictly above `threshold` are found. NaN counts as not seen.
-    pub fn new(scores: &Grid<f32>, threshold: f32) -> Self {
-        let nothing = || Self::nothing(scores.width);
-        let rows = scores.data.par_chunks_exact(scores.width.max(1)).with_min_len(ROWS_AT_ONCE);
-        rows.fold(nothing, |summary, row| summary.with_row(row, threshold)).reduce(nothing, Self::with_rows)
+    /// Summarises `scores`. NaN counts as not seen.
+    pub fn of(scores: &Grid<f32>) -> Self {
+        let nothing = || Self { histogram: [0; SCORE_BINS], max_score: 0.0 };
+        let parts = scores.data.par_chunks(PIXELS_AT_ONCE);
+        parts.fold(nothing, Self::with_scores).reduce(nothing, Self::with)
     }
 
-    /// Summarises no rows of this width.
-    fn nothing(width: usize) -> Self {
-        Self { histogram: [0; SCORE_BINS], max_score: 0.0, columns: vec![0; width], rows: Vec::new() }
-    }
-
-    /// Adds the next row.
-    fn with_row(mut self, row: &[f32], threshold: f32) -> Self {
-        let mut found = 0;
-        for (&score, column) in row.iter().zip(&mut self.columns) {
-            // Also false for NaN.
-            let is_found = u32::from(score > threshold && score > 0.0);
-            *column += is_found;
-            found += is_found;
+    /// Adds more scores.
+    fn with_scores(mut self, scores: &[f32]) -> Self {
+        // Also false for NaN.
+        for &score in scores.iter().filter(|score| **score > 0.0) {
+            self.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
         }
-        self.rows.push(found);
-        for &score in row {
-            if score > 0.0 {
-                self.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
-            }
-        }
-        self.max_score = row.iter().copied().fold(self.max_score, f32::max);
+        self.max_score = scores.iter().copied().fold(self.max_score, f32::max);
         self
     }
 
-    /// Adds the rows below.
-    fn with_rows(mut self, below: Self) -> Self {
-        let add = |sums: &mut [u32], more: &[u32]| sums.iter_mut().zip(more).for_each(|(a, b)| *a += b);
-        add(&mut self.histogram, &below.histogram);
-        add(&mut self.columns, &below.columns);
-        self.rows.extend(below.rows);
-        Self { max_score: self.max_score.max(below.max_score), ..self }
-    }
-
-    /// Returns the number of pixels above the threshold.
-    pub fn area_px(&self) -> usize {
-        self.rows.iter().map(|n| *n as usize).sum()
-    }
-
-    /// Returns the mean column and row of the pixels above the threshold; `None` if there are none.
-    pub fn centre(&self) -> Option<[f64; 2]> {
-        let area = self.area_px() as f64;
-        let mean = |counts: &[u32]| {
-            counts.iter().enumerate().map(|(at, n)| at as f64 * f64::from(*n)).sum::<f64>() / area
-        };
-        (area > 0.0).then(|| [mean(&self.columns), mean(&self.rows)])
+    /// Adds another summary.
+    fn with(mut self, other: Self) -> Self {
+        self.histogram.iter_mut().zip(other.histogram).for_each(|(count, more)| *count += more);
+        Self { max_score: self.max_score.max(other.max_score), ..self }
     }
 }
 
@@ -84,19 +49,17 @@ mod tests {
 
     #[test]
     fn every_seen_pixel_is_counted_and_no_hole() {
-        let scores = Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0]);
-        let summary = Summary::new(&scores, 0.4);
+        let summary = Summary::of(&Grid::from_vec(5, 1, vec![0.0, 0.1, 0.5, 1.0, f32::NAN]));
         assert_eq!(summary.histogram.iter().sum::<u32>(), 3);
         assert_eq!((summary.histogram[5], summary.histogram[25], summary.histogram[49]), (1, 1, 1));
-        assert_eq!((summary.area_px(), summary.max_score), (2, 1.0));
-        assert_eq!((summary.columns, summary.rows), (vec![0, 0, 1, 1], vec![2]));
+        assert_eq!(summary.max_score, 1.0);
     }
 
     #[test]
-    fn the_centre_is_the_mean_of_what_is_found() {
-        let scores = Grid::from_vec(3, 2, vec![0.9, 0.1, 0.9, 0.1, 0.1, 0.9]);
-        assert_eq!(Summary::new(&scores, 0.4).centre(), Some([4.0 / 3.0, 1.0 / 3.0]));
-        assert_eq!(Summary::new(&Grid::filled(3, 3, f32::NAN), 0.4).centre(), None);
-        assert_eq!(Summary::new(&Grid::filled(0, 0, 1.0), 0.4).area_px(), 0);
+    fn a_large_picture_is_summarised_as_a_whole() {
+        let score = |i: usize| if i == 0 { 0.9 } else { 0.3 };
+        let summary = Summary::of(&Grid::from_vec(300, 200, (0..60_000).map(score).collect()));
+        assert_eq!((summary.histogram[45], summary.histogram[15], summary.max_score), (1, 59_999, 0.9));
+        assert_eq!(Summary::of(&Grid::filled(0, 0, 1.0)).max_score, 0.0);
     }
 }

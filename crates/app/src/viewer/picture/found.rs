@@ -38,7 +38,7 @@ impl Found {
             let found = mask::threshold(&cleaned, threshold);
             (cleaned, found.count(), anchor(&found))
         };
-        let summarise = || Summary::new(&scores, threshold);
+        let summarise = || Summary::of(&scores);
         let ((cleaned, area_px, anchor), summary) = rayon::join(clean, summarise);
         Self {
             area_px,
