@@ -1,7 +1,6 @@
 //! `bench frame`: cost of a shown frame, pass by pass; each shortcut beside the exact way, with its error.
 
 use super::{
-    half_features::HalfFeatures,
     measure::{Files, Measure},
     plot::{self, Point},
     reference::reference_error,
@@ -18,7 +17,6 @@ use crate::{
     viewer::time_pictures,
 };
 use clap::Args;
-use half::f16;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::{fmt::Write, path::PathBuf, sync::Arc, time::Instant};
@@ -31,7 +29,7 @@ use surgtpgs_core::{
     grid::Grid,
     num,
     overlay::{OverlayLook, OverlayPrompt, overlay},
-    raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
+    raster::{CpuRenderer, FrameClock, FramePass, Images, Renderer},
     relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings, Rivals},
     scene::Scene,
 };
@@ -279,30 +277,21 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         vec![with_errors(Timing::of("relevancy", "exact: every pixel decoded", ms), &truth, &truth)];
     let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
     rows.push(with_errors(Timing::of("relevancy", "folded", ms), &scores, &truth));
-    for (way, factor) in [("", 1.0), (", 4 × the error bound", 4.0), (", 16 × the error bound", 16.0)] {
-        let tolerance = factor * Lattice::TOLERANCE;
-        let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance) else { break };
+    if let Some(mut lattice) = Lattice::new(&codec) {
         let (_, first) = ask.of(&mut lattice);
         // Cells that one prompt has cut are tabulated for the others in their next round.
         let (scores, _) = ask.of(&mut lattice);
         let known = ask.timed(&mut lattice);
         let report = lattice.report();
-        rows.push(Timing::of("relevancy", format!("lattice{way}: cells made"), first));
-        let way =
-            format!("lattice{way}: cells known ({} of {:.0} MB)", report.cells, report.bytes as f64 / 1e6);
+        rows.push(Timing::of("relevancy", "lattice: cells made", first));
+        let way = format!("lattice: cells known ({} of {:.0} MB)", report.cells, report.bytes as f64 / 1e6);
         rows.push(with_errors(Timing::of("relevancy", way, known), &scores, &truth));
     }
     if let Some(mut lattice) = Lattice::new(&codec) {
         rows.extend(prompt_rows(&ask, &mut lattice));
-        let rounded: Vec<Images> = images.iter().map(in_half_precision).collect();
-        let ask = Asked { images: &rounded, ..ask };
-        let (scores, _) = ask.of(&mut lattice);
-        let ms = ask.timed(&mut lattice);
-        rows.push(with_errors(Timing::of("relevancy", "lattice, features in f16", ms), &scores, &truth));
     }
     rows.extend(crowded_rows(&ask, &codec));
     rows.push(drawing(&images, &truth));
-    rows.push(half_features(scene, cameras, &ask, &truth)?);
     Ok(rows)
 }
 
@@ -344,28 +333,6 @@ fn crowded_rows(ask: &Asked<'_>, codec: &Codec) -> Vec<Timing> {
 /// Renames the query so that no cached table is used.
 fn renamed(query: Query) -> Query {
     Query { prompt: format!("new {}", query.prompt), ..query }
-}
-
-/// Times the whole frame with features at half size; errors are those of the resulting scores.
-fn half_features(
-    scene: &Scene,
-    cameras: &[(f32, Camera)],
-    ask: &Asked<'_>,
-    truth: &[Grid<f32>],
-) -> Result<Timing> {
-    let (mut renderer, mut images) = (HalfFeatures::default(), Images::default());
-    let ms = time(cameras, ROUNDS, |(t, camera)| renderer.render_into(scene, camera, *t, &mut images))?;
-    let mut rendered = Vec::new();
-    for (t, camera) in cameras {
-        let mut images = Images::default();
-        renderer.render_into(scene, camera, *t, &mut images)?;
-        blank_outside(&mut images, scene);
-        rendered.push(images);
-    }
-    let Some(codec) = scene.codec.clone() else { return Ok(Timing::of("frame", "no features", ms)) };
-    let (scores, _) = Asked { images: &rendered, ..*ask }.of(&mut Folded::new(codec));
-    let row = Timing::of("frame", "CPU, features at half size, enlarged along edges", ms);
-    Ok(with_errors(row, &scores, truth))
 }
 
 /// Frames, and prompts to ask on them.
@@ -443,14 +410,6 @@ fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Timing> {
     let way = format!("lattice, {} prompts at once", ask.queries.len());
     rows.push(Timing::of("relevancy", way, together));
     rows
-}
-
-/// Rounds features as a half-precision target would hold them.
-fn in_half_precision(images: &Images) -> Images {
-    let mut images = images.clone();
-    let first = images.width * images.height * FEATURE_PLANE;
-    images.planes[first..].iter_mut().for_each(|v| *v = f16::from_f32(*v).to_f32());
-    images
 }
 
 /// Times drawing the outlines of the first prompt over every frame, as exports do.

@@ -5,7 +5,6 @@
 mod codec;
 mod frame;
 mod gpu;
-mod half_features;
 mod long;
 mod marks;
 mod masks;

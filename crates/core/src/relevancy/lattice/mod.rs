@@ -41,7 +41,6 @@ pub struct Lattice {
     tables: Vec<ScoreTable>,
     /// Rankings of rivals, the most recently used last.
     rankings: Vec<Ranking>,
-    tolerance: f32,
     decoded_points: usize,
 }
 
@@ -79,12 +78,6 @@ pub struct LatticeReport {
 impl Lattice {
     /// Makes a lattice for a codec with three latent numbers; `None` for any other.
     pub fn new(codec: &Codec) -> Option<Self> {
-        Self::with_tolerance(codec, Self::TOLERANCE)
-    }
-
-    /// Makes a lattice as [`Lattice::new`] does, with another allowed score error at a cell's midpoints
-    /// than the one that keeps the promise of 1/255.
-    pub fn with_tolerance(codec: &Codec, tolerance: f32) -> Option<Self> {
         (codec.latent_dim() == 3).then(|| {
             let folded = Folded::new(codec.clone());
             Self {
@@ -92,7 +85,6 @@ impl Lattice {
                 folded,
                 tables: Vec::new(),
                 rankings: Vec::new(),
-                tolerance,
                 decoded_points: 0,
             }
         })
@@ -101,7 +93,7 @@ impl Lattice {
     /// Largest allowed error of the interpolation at a cell's midpoints; beyond it the cell is cut. The
     /// promise is twice that, 1/255, anywhere in the cell: on every frame of three scenes, the largest
     /// error was 1.5 times the tolerance.
-    pub const TOLERANCE: f32 = 0.5 / 255.0;
+    const TOLERANCE: f32 = 0.5 / 255.0;
     /// Number of places in [`LatticeTables::cells`] along an edge of the latent cube, as a power of two.
     pub const COARSE_BITS: u32 = COARSE.trailing_zeros();
     /// Number of halvings that a brick of cells holds.
@@ -185,8 +177,8 @@ impl Lattice {
     /// Completes the tables from `first` on for all cells of the tree.
     fn bring_up_to_date(&mut self, first: usize) {
         self.rankings.iter_mut().for_each(|ranking| ranking.update(&self.tree));
-        let Self { tables, tree, rankings, tolerance, .. } = self;
-        tables[first..].iter_mut().for_each(|table| table.update(tree, rankings, *tolerance));
+        let Self { tables, tree, rankings, .. } = self;
+        tables[first..].iter_mut().for_each(|table| table.update(tree, rankings, Self::TOLERANCE));
     }
 
     /// Writes the scores of `points` and tabulates the cells that are needed. Returns the points that no
