@@ -4,12 +4,12 @@ use super::{Evaluation, masks::Labelled, matrix};
 use crate::{
     outputs,
     pictures::{png, side_by_side},
-    tables::csv,
+    tables::{csv, csv_under},
 };
 use image::{Rgb, RgbImage};
 use std::path::Path;
 use surgtpgs_core::{
-    Error, Result,
+    Result,
     files::{Inputs, write_whole},
     metrics::{ClassOnFrame, MaskScores},
     sequence::{Class, NO_LABEL},
@@ -79,11 +79,9 @@ fn csv_of_classes(rows: &[ClassRow<'_>]) -> Result<Vec<u8>> {
             (*protocol, r.frame, &r.class, counts, (r.iou, r.dice, r.boundary_f, r.precision, r.recall))
         })
         .collect();
-    let head = "protocol,frame,class,labelled_px,predicted_px,both_px,kept_px,iou,dice,boundary_f,precision,recall\n";
-    let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(head.as_bytes().to_vec());
-    let fail = |e: &dyn std::fmt::Display| Error::input(format!("the table could not be written: {e}"), "");
-    flat.iter().try_for_each(|row| writer.serialize(row)).map_err(|e| fail(&e))?;
-    writer.into_inner().map_err(|e| fail(&e))
+    let columns =
+        "protocol,frame,class,labelled_px,predicted_px,both_px,kept_px,iou,dice,boundary_f,precision,recall";
+    csv_under(&columns.split(',').collect::<Vec<_>>(), &flat)
 }
 
 /// Draws the labels, the prediction, and their differences, side by side.

@@ -14,12 +14,14 @@ use crate::{
         verb::Exit,
     },
     engine::{Engine, SceneView},
+    tables,
+    text::one_line,
     viewer::time_pictures,
 };
 use clap::Args;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::{fmt::Write, path::PathBuf, sync::Arc, time::Instant};
+use std::{path::PathBuf, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     camera::Camera,
@@ -115,8 +117,9 @@ impl Measure for BenchFrameArgs {
             prompts,
             rows,
         };
-        write(&bench, &files)?;
-        print_report(&bench, &csv(&bench), self.json)?;
+        let table = csv(&bench)?;
+        write(&bench, &table, &files)?;
+        print_report(&bench, &String::from_utf8_lossy(&table), self.json)?;
         files.finish()?;
         Ok(Exit::Done)
     }
@@ -457,27 +460,22 @@ fn line(o: &Timing) -> String {
     )
 }
 
-fn csv(bench: &FrameBench) -> String {
-    let mut text = format!(
-        "# {}; {}×{}, {} Gaussians, {} frames, prompts: {}\n\
-         pass,way,median_ms,p95_ms,max_error,mean_error,iou_40,iou_50,psnr_db\n",
+/// Returns a line about the scene, then the table.
+fn csv(bench: &FrameBench) -> Result<Vec<u8>> {
+    let about = format!(
+        "# {}; {}×{}, {} Gaussians, {} frames, prompts: {}\n",
         bench.renderer,
         bench.width,
         bench.height,
         bench.gaussians,
         bench.frames,
-        bench.prompts.join("; ")
+        one_line(&bench.prompts.join("; "))
     );
-    let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.6}"));
-    for o in &bench.rows {
-        let values = [o.max_error, o.mean_error, o.iou_40, o.iou_50, o.psnr_db].map(number).join(",");
-        let _ = writeln!(text, "{},\"{}\",{:.3},{:.3},{values}", o.pass, o.way, o.median_ms, o.p95_ms);
-    }
-    text
+    Ok([about.into_bytes(), tables::csv(&bench.rows)?].concat())
 }
 
-fn write(bench: &FrameBench, files: &Files) -> Result<()> {
-    files.write("frame.csv", csv(bench).as_bytes())?;
+fn write(bench: &FrameBench, table: &[u8], files: &Files) -> Result<()> {
+    files.write("frame.csv", table)?;
     let scored = bench.rows.iter().filter(|o| o.pass == "relevancy");
     let points: Vec<Point<'_>> = scored
         .filter_map(|o| {

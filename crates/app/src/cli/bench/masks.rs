@@ -9,10 +9,11 @@ use crate::{
     },
     jobs::Progress,
     pictures::png,
+    tables,
 };
 use clap::Args;
 use image::{Rgb, RgbImage};
-use std::{fmt::Write, path::PathBuf, time::Instant};
+use std::{path::PathBuf, time::Instant};
 use surgtpgs_clip::SegmentAnything;
 use surgtpgs_core::{
     Error, Result,
@@ -95,9 +96,9 @@ impl Measure for BenchMasksArgs {
             say(&line(&outcome));
             outcomes.push(outcome);
         }
-        let text = csv(&outcomes);
-        files.write("masks.csv", text.as_bytes())?;
-        print_report(&outcomes, &text, self.json)?;
+        let table = csv(&outcomes)?;
+        files.write("masks.csv", &table)?;
+        print_report(&outcomes, &String::from_utf8_lossy(&table), self.json)?;
         files.finish()?;
         Ok(Exit::Done)
     }
@@ -229,25 +230,37 @@ fn line(outcome: &Outcome) -> String {
     )
 }
 
-fn csv(outcomes: &[Outcome]) -> String {
-    let mut text = "density,class,best_iou,joint_iou,masks,covered,encoder_s,decoder_s,rest_s\n".to_owned();
-    for o in outcomes {
-        for fit in &o.classes {
-            // Writing into a string cannot fail.
-            let _ = writeln!(
-                text,
-                "{},{},{:.3},{:.3},{:.1},{:.3},{:.2},{:.2},{:.3}",
-                o.density,
-                fit.class,
-                fit.best_iou,
-                fit.joint_iou,
-                o.masks,
-                o.covered,
-                o.encoder_s,
-                o.decoder_s,
-                o.rest_s
-            );
-        }
+fn csv(outcomes: &[Outcome]) -> Result<Vec<u8>> {
+    let columns =
+        ["density", "class", "best_iou", "joint_iou", "masks", "covered", "encoder_s", "decoder_s", "rest_s"];
+    let rows = outcomes.iter().flat_map(|o| {
+        let row = move |fit| (o.density, fit, o.masks, o.covered, o.encoder_s, o.decoder_s, o.rest_s);
+        o.classes.iter().map(row)
+    });
+    tables::csv_under(&columns, &rows.collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_class_of_a_density_has_a_row() {
+        let fit = |class: &str| Fit { class: class.to_owned(), best_iou: 0.75, joint_iou: 0.5 };
+        let outcome = Outcome {
+            density: "fine",
+            frames: 2,
+            masks: 12.5,
+            covered: 1.0,
+            encoder_s: 2.0,
+            decoder_s: 3.0,
+            rest_s: 0.25,
+            classes: vec![fit("liver"), fit("fat, or so")],
+        };
+        let text = String::from_utf8(csv(&[outcome]).unwrap()).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "density,class,best_iou,joint_iou,masks,covered,encoder_s,decoder_s,rest_s");
+        assert_eq!(lines[1], "fine,liver,0.75,0.5,12.5,1.0,2.0,3.0,0.25");
+        assert!(lines[2].starts_with("fine,\"fat, or so\",0.75"), "{}", lines[2]);
     }
-    text
 }

@@ -11,12 +11,10 @@ use crate::{
     },
     engine::BackendChoice,
     jobs::{self, PrepareOptions},
+    tables,
 };
 use clap::Args;
-use std::{
-    fmt::Write,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     clock::PassName,
@@ -104,9 +102,9 @@ impl Measure for BenchStepArgs {
                 outcomes.push(outcome);
             }
         }
-        let text = csv(&outcomes);
-        files.write("step.csv", text.as_bytes())?;
-        print_report(&outcomes, &text, self.json)?;
+        let table = csv(&outcomes)?;
+        files.write("step.csv", &table)?;
+        print_report(&outcomes, &String::from_utf8_lossy(&table), self.json)?;
         files.finish()?;
         Ok(Exit::Done)
     }
@@ -248,27 +246,47 @@ fn line(o: &Outcome) -> String {
     )
 }
 
-fn csv(outcomes: &[Outcome]) -> String {
+fn csv(outcomes: &[Outcome]) -> Result<Vec<u8>> {
     let passes: Vec<String> = Pass::ALL.iter().map(|p| format!("{p:?}_ms").to_lowercase()).collect();
-    let mut text = format!(
-        "width,height,gaussians,pixels,steps_per_second,{},image_error,gradient_error\n",
-        passes.join(",")
-    );
-    for o in outcomes {
-        let Outcome { speed, image_error, gradient_error } = o;
-        let ms: Vec<String> = speed.pass_ms.iter().map(|ms| format!("{ms:.3}")).collect();
-        let _ = writeln!(
-            text,
-            "{},{},{},\"{}\",{:.2},{},{:.3e},{:.3e}",
-            speed.width,
-            speed.height,
-            speed.gaussians,
-            speed.pixels,
-            speed.steps_per_second,
-            ms.join(","),
-            image_error,
-            gradient_error
+    let columns = [
+        &["width", "height", "gaussians", "pixels", "steps_per_second"][..],
+        &passes.iter().map(String::as_str).collect::<Vec<_>>(),
+        &["image_error", "gradient_error"],
+    ];
+    let row = |o: &Outcome| {
+        let Speed { width, height, gaussians, pixels, steps_per_second, .. } = o.speed;
+        let about = (width, height, gaussians, pixels, steps_per_second);
+        (about, o.speed.pass_ms.clone(), o.image_error, o.gradient_error)
+    };
+    tables::csv_under(&columns.concat(), &outcomes.iter().map(row).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pass_has_a_column() {
+        let speed = Speed {
+            backend: "CPU".to_owned(),
+            width: 4,
+            height: 3,
+            gaussians: 9,
+            pixels: PIXELS[1].0,
+            steps_per_second: 2.5,
+            pass_ms: vec![0.5; Pass::ALL.len()],
+            pass_bytes: Vec::new(),
+        };
+        let outcome = Outcome { speed, image_error: 1e-7, gradient_error: 0.5 };
+        let text = String::from_utf8(csv(&[outcome]).unwrap()).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(
+            lines[0].starts_with("width,height,gaussians,pixels,steps_per_second,deform_ms,"),
+            "{}",
+            lines[0]
         );
+        assert!(lines[0].ends_with("_ms,image_error,gradient_error"), "{}", lines[0]);
+        assert!(lines[1].starts_with("4,3,9,\"a quarter, sampled\",2.5,0.5,"), "{}", lines[1]);
+        assert!(lines[1].ends_with(",0.5,1e-7,0.5"), "{}", lines[1]);
     }
-    text
 }

@@ -9,9 +9,10 @@ use crate::{
         verb::Exit,
     },
     engine::{BackendChoice, Machine},
+    tables,
 };
 use clap::Args;
-use std::{fmt::Write, path::PathBuf};
+use std::path::PathBuf;
 use surgtpgs_core::{
     Result,
     camera::Camera,
@@ -64,9 +65,9 @@ impl Measure for BenchStressArgs {
             let (before, after) = (render(&case.before)?, render(&case.after)?);
             add(&mut families, case.family, case.difference(&before, &after));
         }
-        let text = csv(&families);
-        files.write("stress.csv", text.as_bytes())?;
-        print_report(&families, &text, self.json)?;
+        let table = csv(&families)?;
+        files.write("stress.csv", &table)?;
+        print_report(&families, &String::from_utf8_lossy(&table), self.json)?;
         files.finish()?;
         Ok(Exit::Done)
     }
@@ -85,14 +86,7 @@ fn add(families: &mut Vec<Family>, name: &'static str, found: Difference) {
     family.beyond = family.beyond.max(found.beyond);
 }
 
-fn csv(families: &[Family]) -> String {
-    let mut text = format!("family,cases,not_finite,largest_error,share_beyond_{CUT_OFF}\n");
-    for f in families {
-        let _ = writeln!(
-            text,
-            "{},{},{},{:.2e},{:.2e}",
-            f.name, f.cases, f.not_finite, f.largest_error, f.beyond
-        );
-    }
-    text
+fn csv(families: &[Family]) -> Result<Vec<u8>> {
+    let beyond = format!("share_beyond_{CUT_OFF}");
+    tables::csv_under(&["family", "cases", "not_finite", "largest_error", &beyond], families)
 }

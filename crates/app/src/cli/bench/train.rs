@@ -13,9 +13,10 @@ use crate::{
     engine::{BackendChoice, Engine, EngineOptions},
     evaluation::{Extras, evaluate},
     jobs::{self, Material},
+    tables,
 };
 use clap::Args;
-use std::{fmt::Write, path::PathBuf, sync::Arc};
+use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Error, Result, clock::PassName, train::Pass};
 
 /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
@@ -43,7 +44,7 @@ pub(super) struct BenchTrainArgs {
     json: bool,
 }
 
-/// Measurements of one row.
+/// Measurements of one row, in the order of the columns of `train.csv`.
 #[derive(serde::Serialize)]
 struct Outcome {
     name: &'static str,
@@ -157,40 +158,16 @@ fn line(o: &Outcome) -> String {
     )
 }
 
-fn csv(outcomes: &[Outcome]) -> String {
-    let mut text = String::from(
-        "row,differs_in,seconds,steps_per_second,gaussians,dropped_steps,psnr_masked_db,ssim,miou_paper,miou_strict,worst_iou",
-    );
-    for pass in Pass::ALL {
-        let _ = write!(text, ",{}_ms", format!("{pass:?}").to_lowercase());
-    }
-    text.push('\n');
-    for o in outcomes {
-        let _ = write!(
-            text,
-            "{},\"{}\",{:.2},{:.2},{},{},{},{},{},{},{}",
-            o.name,
-            o.what,
-            o.seconds,
-            o.steps_per_second,
-            o.gaussians,
-            o.dropped_steps,
-            number(o.psnr_masked_db),
-            number(o.ssim),
-            number(o.miou_paper),
-            number(o.miou_strict),
-            number(o.worst_iou)
-        );
-        o.pass_ms.iter().for_each(|ms| {
-            let _ = write!(text, ",{ms:.3}");
-        });
-        text.push('\n');
-    }
-    text
+fn csv(outcomes: &[Outcome]) -> Result<Vec<u8>> {
+    let columns = "row,differs_in,seconds,steps_per_second,gaussians,dropped_steps,psnr_masked_db,ssim,miou_paper,\
+                   miou_strict,worst_iou";
+    let passes = Pass::ALL.iter().map(|pass| format!("{pass:?}_ms").to_lowercase());
+    let columns: Vec<String> = columns.split(',').map(str::to_owned).chain(passes).collect();
+    tables::csv_under(&columns, outcomes)
 }
 
 fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
-    files.write("train.csv", csv(outcomes).as_bytes())?;
+    files.write("train.csv", &csv(outcomes)?)?;
     let points = |value: fn(&Outcome) -> Option<f64>| -> Vec<Point<'_>> {
         let point = |o: &Outcome| value(o).map(|y| Point { name: o.name, x: o.seconds, y });
         outcomes.iter().filter_map(point).collect()

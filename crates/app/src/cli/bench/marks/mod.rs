@@ -4,15 +4,17 @@
 mod rules;
 
 use super::measure::{Files, Measure};
-use crate::cli::{
-    console::{ProgressView, print_report, say},
-    verb::Exit,
+use crate::{
+    cli::{
+        console::{ProgressView, print_report, say},
+        verb::Exit,
+    },
+    tables,
 };
 use clap::Args;
 use rules::{LEAST_PX, Rule, largest_part, stroke};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fmt::Write,
     path::PathBuf,
     sync::Arc,
     time::Instant,
@@ -110,9 +112,9 @@ impl Measure for BenchMarksArgs {
         bench.corrected(which, middle, may, Bench::painted_over, &mut add)?;
         let which = "more strokes on completely labelled frames";
         bench.corrected(which, middle, may, Bench::stroked, &mut add)?;
-        let text = csv(&outcomes);
-        files.write("marks.csv", text.as_bytes())?;
-        print_report(&outcomes, &text, self.json)?;
+        let table = tables::csv(&outcomes.iter().map(Row::from).collect::<Vec<_>>())?;
+        files.write("marks.csv", &table)?;
+        print_report(&outcomes, &String::from_utf8_lossy(&table), self.json)?;
         files.finish()?;
         Ok(Exit::Done)
     }
@@ -393,22 +395,28 @@ fn line(outcome: &Outcome) -> String {
     )
 }
 
-fn csv(outcomes: &[Outcome]) -> String {
-    let mut lines = "way,frames,paper_iou,strict_iou,false_find_rate,marked_s,frame_s\n".to_owned();
-    for o in outcomes {
-        let frames: Vec<String> = o.frames.iter().map(usize::to_string).collect();
-        // Writing into a string cannot fail.
-        let _ = writeln!(
-            lines,
-            "\"{}\",{},{},{},{},{:.4},{:.4}",
-            o.way,
-            frames.join(" "),
-            text(o.paper_iou),
-            text(o.strict_iou),
-            text(o.false_find_rate),
-            o.marked_s,
-            o.frame_s
-        );
+/// A row of `marks.csv`.
+#[derive(serde::Serialize)]
+struct Row<'a> {
+    way: &'a str,
+    frames: String,
+    paper_iou: Option<f64>,
+    strict_iou: Option<f64>,
+    false_find_rate: Option<f64>,
+    marked_s: f64,
+    frame_s: f64,
+}
+
+impl<'a> From<&'a Outcome> for Row<'a> {
+    fn from(o: &'a Outcome) -> Self {
+        Self {
+            way: &o.way,
+            frames: o.frames.iter().map(usize::to_string).collect::<Vec<_>>().join(" "),
+            paper_iou: o.paper_iou,
+            strict_iou: o.strict_iou,
+            false_find_rate: o.false_find_rate,
+            marked_s: o.marked_s,
+            frame_s: o.frame_s,
+        }
     }
-    lines
 }
