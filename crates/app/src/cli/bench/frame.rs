@@ -2,7 +2,7 @@
 
 use super::{
     measure::{Files, Measure},
-    plot::{self, Point},
+    plot::{self, Axes, Point},
     reference::reference_error,
     shown,
     timing::{ROUNDS, Timing, time},
@@ -484,16 +484,12 @@ fn write(bench: &FrameBench, table: &[u8], files: &Files) -> Result<()> {
             o.max_error.map(|e| Point { name, x: o.median_ms, y: 255.0 * e })
         })
         .collect();
-    if points.is_empty() {
-        return Ok(());
-    }
-    let svg = plot::scatter(
-        "Scores of one prompt in a frame: error against time",
-        "milliseconds",
-        "largest error of a score, 1/255",
-        &points,
-    )?;
-    files.write("frame.svg", svg.as_bytes())
+    let axes = Axes {
+        title: "Scores of one prompt in a frame: error against time",
+        x: "milliseconds",
+        y: "largest error of a score, 1/255",
+    };
+    plot::write(files, "frame.svg", axes, &points)
 }
 
 #[cfg(test)]

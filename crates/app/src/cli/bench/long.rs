@@ -2,7 +2,7 @@
 
 use super::{
     measure::{Files, Measure},
-    plot::{self, Point},
+    plot::{self, Axes, Point},
 };
 use crate::{
     cli::{
@@ -13,6 +13,7 @@ use crate::{
     evaluation::{Extras, evaluate},
     jobs::{self, Course, Material},
     memory::peak_rss_bytes,
+    tables,
 };
 use clap::Args;
 use std::{
@@ -215,20 +216,15 @@ fn line(o: &Outcome) -> String {
 }
 
 fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
-    files.write("long.csv", &crate::tables::csv(outcomes)?)?;
+    files.write("long.csv", &tables::csv(outcomes)?)?;
     let names: Vec<String> = outcomes.iter().map(|o| format!("{} frames", o.frames)).collect();
     let points = |value: fn(&Outcome) -> Option<f64>| -> Vec<Point<'_>> {
         let named = outcomes.iter().zip(&names);
         named.filter_map(|(o, name)| value(o).map(|y| Point { name, x: o.frames as f64, y })).collect()
     };
-    for (file, label, values) in [
-        ("long_psnr.svg", "PSNR of held-out frames, dB", points(|o| o.psnr_masked_db)),
-        ("long_seconds.svg", "training per frame, s", points(|o| Some(o.seconds_per_frame))),
-    ] {
-        if !values.is_empty() {
-            let svg = plot::scatter("Length of recordings", "frames", label, &values)?;
-            files.write(file, svg.as_bytes())?;
-        }
-    }
-    Ok(())
+    let axes = |y| Axes { title: "Length of recordings", x: "frames", y };
+    let psnr = points(|o| o.psnr_masked_db);
+    plot::write(files, "long_psnr.svg", axes("PSNR of held-out frames, dB"), &psnr)?;
+    let seconds = points(|o| Some(o.seconds_per_frame));
+    plot::write(files, "long_seconds.svg", axes("training per frame, s"), &seconds)
 }

@@ -1,5 +1,6 @@
 //! Scatter plots as SVG.
 
+use super::measure::Files;
 use plotters::prelude::*;
 use surgtpgs_core::{Error, Result};
 
@@ -10,25 +11,36 @@ pub(super) struct Point<'a> {
     pub(super) y: f64,
 }
 
+/// Title of a plot, and labels of its axes.
+#[derive(Clone, Copy)]
+pub(super) struct Axes<'a> {
+    pub(super) title: &'a str,
+    pub(super) x: &'a str,
+    pub(super) y: &'a str,
+}
+
 /// Width and height of a plot, px.
 const SIZE: (u32, u32) = (1100, 700);
 /// Width of the list of names, px.
 const LEGEND_WIDTH: u32 = 280;
 
+/// Writes a scatter plot, if there are points and files are wanted.
+pub(super) fn write(files: &Files, name: &str, axes: Axes<'_>, points: &[Point<'_>]) -> Result<()> {
+    if points.is_empty() { Ok(()) } else { files.write(name, scatter(axes, points)?.as_bytes()) }
+}
+
 /// Draws a scatter plot of numbered points with their names at the side, x logarithmic; the first
 /// point stands out.
-pub(super) fn scatter(title: &str, x_label: &str, y_label: &str, points: &[Point<'_>]) -> Result<String> {
+fn scatter(axes: Axes<'_>, points: &[Point<'_>]) -> Result<String> {
     let mut svg = String::new();
-    draw(&mut svg, title, x_label, y_label, points)
+    draw(&mut svg, axes, points)
         .map_err(|e| Error::input(format!("the plot could not be drawn: {e}"), ""))?;
     Ok(svg)
 }
 
 fn draw(
     svg: &mut String,
-    title: &str,
-    x_label: &str,
-    y_label: &str,
+    axes: Axes<'_>,
     points: &[Point<'_>],
 ) -> std::result::Result<(), Box<dyn std::error::Error>> {
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
@@ -39,7 +51,7 @@ fn draw(
     let (x0, x1) = span(points.iter().map(|p| p.x.max(1e-9).ln()));
     let (y0, y1) = span(points.iter().map(|p| p.y));
     let mut chart = ChartBuilder::on(&left)
-        .caption(title, ("sans-serif", 22))
+        .caption(axes.title, ("sans-serif", 22))
         .margin(14)
         .x_label_area_size(44)
         .y_label_area_size(64)
@@ -47,7 +59,7 @@ fn draw(
     // The positions of a logarithmic axis carry rounding errors, which are rounded away.
     let seconds = |x: &f64| ((x * 1e3).round() / 1e3).to_string();
     let mut mesh = chart.configure_mesh();
-    mesh.x_desc(x_label).y_desc(y_label).light_line_style(WHITE).x_label_formatter(&seconds).draw()?;
+    mesh.x_desc(axes.x).y_desc(axes.y).light_line_style(WHITE).x_label_formatter(&seconds).draw()?;
     // The first point is drawn last, on top.
     chart.draw_series(points.iter().enumerate().rev().map(|(k, p)| {
         EmptyElement::at((p.x.max(1e-9), p.y))
@@ -76,7 +88,7 @@ mod tests {
     #[test]
     fn every_point_is_named_even_if_all_are_the_same() {
         let points = [Point { name: "default", x: 1.0, y: 2.0 }, Point { name: "paper", x: 1.0, y: 2.0 }];
-        let svg = scatter("t", "x", "y", &points).unwrap();
+        let svg = scatter(Axes { title: "t", x: "x", y: "y" }, &points).unwrap();
         assert!(svg.contains("default") && svg.contains("paper") && svg.trim_end().ends_with("</svg>"));
     }
 }

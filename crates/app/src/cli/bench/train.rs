@@ -2,7 +2,7 @@
 
 use super::{
     measure::{Files, Measure},
-    plot::{self, Point},
+    plot::{self, Axes, Point},
     rows::{Row, rows},
 };
 use crate::{
@@ -172,14 +172,7 @@ fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
         let point = |o: &Outcome| value(o).map(|y| Point { name: o.name, x: o.seconds, y });
         outcomes.iter().filter_map(point).collect()
     };
-    for (file, label, values) in [
-        ("train_psnr.svg", "PSNR inside the masks, dB", points(|o| o.psnr_masked_db)),
-        ("train_miou.svg", "mIoU (paper's protocol)", points(|o| o.miou_paper)),
-    ] {
-        if !values.is_empty() {
-            let svg = plot::scatter("Quality against training time", "training, s", label, &values)?;
-            files.write(file, svg.as_bytes())?;
-        }
-    }
-    Ok(())
+    let axes = |y| Axes { title: "Quality against training time", x: "training, s", y };
+    plot::write(files, "train_psnr.svg", axes("PSNR inside the masks, dB"), &points(|o| o.psnr_masked_db))?;
+    plot::write(files, "train_miou.svg", axes("mIoU (paper's protocol)"), &points(|o| o.miou_paper))
 }
