@@ -119,6 +119,10 @@ impl Session {
         if session.opened.is_relative() {
             session.opened = file.parent().unwrap_or(Path::new("")).join(&session.opened);
         }
+        // Opening sessions that name each other would not end.
+        if Self::is_file(&session.opened) {
+            return Err(not_a_session("it names a session in place of a recording".into()));
+        }
         Ok(session)
     }
 
@@ -207,6 +211,7 @@ mod tests {
                 "a number in it is too large",
             ),
             ("{\"version\": 9, \"opened\": \"a\"}", "format 9, this program reads formats up to 1"),
+            ("{\"version\": 1, \"opened\": \"bad.surgtpgs\"}", "names a session in place of a recording"),
         ] {
             std::fs::write(&file, text).unwrap();
             let error = Session::load(&file).unwrap_err().to_string();
