@@ -15,8 +15,12 @@ use surgtpgs_core::{Error, Result};
 /// Default number of seconds between two previews.
 const USUAL_PREVIEW_SECONDS: u32 = 4;
 
-/// Stage of a task whose work is done but cannot be saved yet. Stopping the task then gives up the work.
+/// Stage of a task whose work is done but cannot be saved yet. It waits until it is saved or given up.
 pub(crate) const NOT_SAVED: &str = "not saved yet";
+
+/// Levels of the wish to end a task; each includes those before.
+const STOP: u32 = 1;
+const GIVE_UP: u32 = 2;
 
 /// Progress of a task.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,7 +76,8 @@ const PROGRESS_WITHIN: Duration = Duration::from_secs(1);
 /// The task's own side of a [`Task`].
 pub(crate) struct TaskContext<U = ()> {
     report: Box<dyn Fn(News<U>) + Send + Sync>,
-    stops: Arc<AtomicU32>,
+    /// The wish to end the task: 0, or one of its levels.
+    end: Arc<AtomicU32>,
     pause: Arc<Pause>,
     wishes: Arc<Wishes>,
     stage_began: Mutex<(String, std::time::Instant)>,
@@ -114,13 +119,12 @@ impl<U> TaskContext<U> {
 
     /// Returns `true` if the user asked to stop.
     pub(crate) fn is_cancelled(&self) -> bool {
-        self.num_stops() > 0
+        self.end.load(Ordering::Relaxed) >= STOP
     }
 
-    /// Returns the number of times that the user asked to stop. Asking again while finished work waits to be
-    /// saved means to give that work up.
-    pub(crate) fn num_stops(&self) -> u32 {
-        self.stops.load(Ordering::Relaxed)
+    /// Returns `true` if the user gave up finished work that waits to be saved.
+    pub(crate) fn is_given_up(&self) -> bool {
+        self.end.load(Ordering::Relaxed) >= GIVE_UP
     }
 
     /// Waits while the task is paused; returns at once if it is to stop.
@@ -150,18 +154,18 @@ impl<U> TaskContext<U> {
     /// Makes the context of work without a window, which is asked to stop at the first progress that `stops`
     /// is true for.
     pub(crate) fn stopping_at(stops: impl Fn(&Progress) -> bool + Send + Sync + 'static) -> Self {
-        let num_stops = Arc::new(AtomicU32::new(0));
-        let counter = num_stops.clone();
+        let end = Arc::new(AtomicU32::new(0));
+        let wish = end.clone();
         let report = move |news: News<U>| {
             if let News::Progress(progress) = news
                 && stops(&progress)
             {
-                counter.fetch_add(1, Ordering::Relaxed);
+                wish.store(STOP, Ordering::Relaxed);
             }
         };
         Self {
             report: Box::new(report),
-            stops: num_stops,
+            end,
             pause: Arc::default(),
             wishes: Arc::new(Wishes::usual()),
             stage_began: Mutex::new((String::new(), std::time::Instant::now())),
@@ -205,10 +209,10 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The window's side of a task. Dropping it asks the task to stop.
+/// The window's side of a task. Dropping it ends the task and gives up what is not saved.
 pub(crate) struct Task<T, U = ()> {
     events: Receiver<TaskEvent<T, U>>,
-    stops: Arc<AtomicU32>,
+    end: Arc<AtomicU32>,
     pause: Arc<Pause>,
     wishes: Arc<Wishes>,
     /// The latest progress.
@@ -224,10 +228,10 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
         work: impl FnOnce(&TaskContext<U>) -> Result<T> + Send + 'static,
     ) -> Self {
         let (sender, events) = channel();
-        let stops = Arc::new(AtomicU32::new(0));
+        let end = Arc::new(AtomicU32::new(0));
         let pause = Arc::new(Pause::default());
         let wishes = Arc::new(Wishes::usual());
-        let context = context(sender.clone(), ctx.clone(), stops.clone(), pause.clone(), wishes.clone());
+        let context = context(sender.clone(), ctx.clone(), end.clone(), pause.clone(), wishes.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
@@ -241,13 +245,17 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, stops, pause, wishes, progress: Progress::default() }
+        Self { events, end, pause, wishes, progress: Progress::default() }
     }
 
-    /// Asks the task to stop at the next opportunity.
+    /// Asks the task to stop at the next opportunity. Finished work still waits to be saved.
     pub(crate) fn cancel(&self) {
-        self.stops.fetch_add(1, Ordering::Relaxed);
-        self.pause.wake();
+        self.end_at(STOP);
+    }
+
+    /// Asks the task to stop, and to give up finished work that waits to be saved.
+    pub(crate) fn give_up(&self) {
+        self.end_at(GIVE_UP);
     }
 
     /// Pauses or resumes the task.
@@ -280,7 +288,7 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
     }
 
     pub(crate) fn is_cancelling(&self) -> bool {
-        self.stops.load(Ordering::Relaxed) > 0
+        self.end.load(Ordering::Relaxed) >= STOP
     }
 
     /// Returns the next event other than progress, if there is one; progress is kept in [`Task::progress`].
@@ -295,17 +303,23 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
     }
 }
 
+impl<T, U> Task<T, U> {
+    fn end_at(&self, level: u32) {
+        self.end.fetch_max(level, Ordering::Relaxed);
+        self.pause.wake();
+    }
+}
+
 impl<T, U> Drop for Task<T, U> {
     fn drop(&mut self) {
-        self.stops.fetch_add(1, Ordering::Relaxed);
-        self.pause.wake();
+        self.end_at(GIVE_UP);
     }
 }
 
 fn context<T: Send + 'static, U: Send + 'static>(
     sender: Sender<TaskEvent<T, U>>,
     repaint: egui::Context,
-    stops: Arc<AtomicU32>,
+    end: Arc<AtomicU32>,
     pause: Arc<Pause>,
     wishes: Arc<Wishes>,
 ) -> TaskContext<U> {
@@ -320,7 +334,7 @@ fn context<T: Send + 'static, U: Send + 'static>(
         }
     };
     let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
-    TaskContext { report: Box::new(report), stops, pause, wishes, stage_began }
+    TaskContext { report: Box::new(report), end, pause, wishes, stage_began }
 }
 
 fn broken() -> Error {

@@ -239,7 +239,7 @@ fn stop_ui(ui: &mut Ui, training: &Training) {
         _ => "Stop and keep what was learned",
     };
     if ui.add_enabled(!is_stopping, egui::Button::new(label)).clicked() {
-        task.cancel();
+        if is_unsaved { task.give_up() } else { task.cancel() }
     }
 }
 

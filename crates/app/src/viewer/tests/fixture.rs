@@ -134,6 +134,8 @@ pub(super) struct FakeBackend {
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
     pub(super) is_disk_full: AtomicBool,
+    /// `true` to end a training by itself.
+    pub(super) is_trained: AtomicBool,
     /// Answer of the system's file dialog; without it, there is none.
     pub(super) picked: Mutex<Option<Picked>>,
 }
@@ -213,7 +215,7 @@ impl Backend for FakeBackend {
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
         task.update(TrainNews::Preview(Box::new(Fake { info, gate: None, marks: Vec::new() })));
         let mut step = 10;
-        while !task.is_cancelled() {
+        while !task.is_cancelled() && !self.is_trained.load(Ordering::Relaxed) {
             task.rest_while_paused();
             step += 1;
             let terms = LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() };
@@ -222,9 +224,8 @@ impl Backend for FakeBackend {
             task.progress(TRAINING, step.min(steps - 1), steps, String::new());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
-        let stops = task.num_stops();
         while self.is_disk_full.load(Ordering::Relaxed) {
-            if task.num_stops() > stops {
+            if task.is_given_up() {
                 return Err(Error::input("the disk is full", "Make room."));
             }
             task.progress(NOT_SAVED, step, step, "The disk is full.".into());

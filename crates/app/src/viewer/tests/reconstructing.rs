@@ -213,6 +213,22 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
     assert!(is_closing(&window));
     assert_eq!(window.backend.trained.lock().unwrap().len(), 1);
 
+    // A training that ended by itself is no more given up than one that is stopped.
+    let mut window = training();
+    window.backend.is_disk_full.store(true, Ordering::Relaxed);
+    window.backend.is_trained.store(true, Ordering::Relaxed);
+    window.until_shown("not saved yet");
+    assert!(!closes(&mut window));
+    window.until_shown("Close it again to give that up");
+    for _ in 0..50 {
+        window.harness.step();
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(window.harness.state().shared.reconstruction.training.is_some(), "it waits to be saved");
+    window.backend.is_disk_full.store(false, Ordering::Relaxed);
+    window.until(|app| app.reconstruction.training.is_none());
+    assert_eq!(window.backend.trained.lock().unwrap().len(), 1);
+
     // A user who asks again later closes the window without the scene.
     let mut window = training();
     window.backend.is_disk_full.store(true, Ordering::Relaxed);

@@ -144,16 +144,16 @@ const SAVE_EVERY: Duration = Duration::from_secs(1);
 
 /// Saves the trained scene. If that fails, reports the reason and tries again, until it works or the user
 /// gives the scene up. Minutes of work must not be lost to a full disk, both after the last step and after
-/// the user stopped early to keep the scene so far.
+/// the user stopped early to keep the scene so far. Asking to stop, as a window that is closed does, gives up
+/// nothing.
 fn save_with_patience(
     steps: usize,
     save: &dyn Fn() -> Result<()>,
     task: &TaskContext<TrainNews>,
 ) -> Result<()> {
-    let stops = task.num_stops();
     loop {
         match save() {
-            Err(e) if task.num_stops() == stops => {
+            Err(e) if !task.is_given_up() => {
                 let detail = format!("{e} Free some space: it is tried again every second.");
                 task.progress(NOT_SAVED, steps, steps, detail);
                 std::thread::sleep(SAVE_EVERY);
@@ -214,6 +214,12 @@ mod tests {
         let mut waiting = start();
         assert!(wait(&mut waiting, true).is_none());
         assert!(waiting.progress.detail.contains("results"), "{}", waiting.progress.detail);
+        waiting.cancel();
+        let told = waiting.progress.clone();
+        while waiting.progress == told {
+            assert!(waiting.poll().is_none(), "whoever stops keeps what was learned");
+            std::thread::yield_now();
+        }
         std::fs::remove_file(&blocked).unwrap();
         assert!(wait(&mut waiting, false).unwrap().is_ok());
         assert_eq!(Scene::load(&file).unwrap().gaussians, scene.gaussians);
@@ -221,7 +227,7 @@ mod tests {
         std::fs::remove_dir_all(&blocked).unwrap();
         let mut given_up = start();
         assert!(wait(&mut given_up, true).is_none());
-        given_up.cancel();
+        given_up.give_up();
         let error = wait(&mut given_up, false).unwrap().unwrap_err();
         assert!(error.to_string().contains("results"), "{error}");
     }
