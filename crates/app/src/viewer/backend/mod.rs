@@ -281,6 +281,8 @@ pub(crate) struct TrainRequest {
     pub(crate) recording: PathBuf,
     /// The scene file to write.
     pub(crate) scene: PathBuf,
+    /// `true` if the user agreed to replace an earlier scene of this name.
+    pub(crate) replaces: bool,
     pub(crate) quality: Quality,
     /// Ranges of frames that are not trained on.
     pub(crate) excluded: Vec<(usize, usize)>,
@@ -336,18 +338,8 @@ impl ModelFaults {
     }
 }
 
-/// Returns the path that is offered for the `number`th reconstruction of a recording, from 1 on.
-pub(crate) fn scene_path(folder: &Path, name: &str, number: usize) -> PathBuf {
-    let number = if number == 1 { String::new() } else { format!("-{number}") };
-    folder.join(format!("{name}{number}.safetensors"))
-}
-
-/// Returns the path of a scene file that does not exist yet and is not `planned`, so that nothing is
-/// overwritten.
-pub(crate) fn free_scene_path(folder: &Path, name: &str, planned: &[PathBuf]) -> PathBuf {
-    let path = |i| scene_path(folder, name, i);
-    (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
-}
+/// Extension of scene files.
+pub(crate) const SCENE: &str = "safetensors";
 
 /// Beginning of the names of stages before the training itself.
 pub(crate) const PREPARING: &str = "preparing";
@@ -357,21 +349,5 @@ impl TrainRequest {
     pub(crate) fn features_folder(&self) -> PathBuf {
         let name = self.scene.file_stem().unwrap_or_default().to_string_lossy();
         self.scene.with_file_name(format!("{name}-features"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_scene_is_written_over() {
-        let folder = tempfile::tempdir().unwrap();
-        let [first, second, third] =
-            ["clip", "clip-2", "clip-3"].map(|n| folder.path().join(format!("{n}.safetensors")));
-        assert_eq!(free_scene_path(folder.path(), "clip", &[]), first);
-        std::fs::write(&first, "").unwrap();
-        assert_eq!(free_scene_path(folder.path(), "clip", &[]), second);
-        assert_eq!(free_scene_path(folder.path(), "clip", &[second]), third);
     }
 }

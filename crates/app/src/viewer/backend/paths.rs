@@ -30,6 +30,53 @@ pub(crate) enum PathKind {
     Save(String, &'static str),
 }
 
+impl PathAsk {
+    /// Asks for a file to write; `path` is offered.
+    pub(crate) fn save(title: &str, path: &Path, kind: impl FnOnce(String) -> PathKind) -> Self {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Self { title: title.to_owned(), kind: kind(name), folder: path.parent().map(Path::to_owned) }
+    }
+}
+
+impl PathKind {
+    /// Returns the extension of the file to write; `None` if something that exists is asked for.
+    pub(crate) fn written_extension(&self) -> Option<&str> {
+        match self {
+            Self::SaveMarks(name) | Self::Save(name, _) => name.rsplit('.').next(),
+            Self::File(_) | Self::Folder | Self::Marks => None,
+        }
+    }
+
+    /// Returns a chosen path, with the extension of the file to write.
+    pub(crate) fn completed(&self, path: &Path) -> PathBuf {
+        self.written_extension().map_or_else(|| path.to_owned(), |extension| with_extension(path, extension))
+    }
+}
+
+/// Appends an extension to a path that has another one or none: a dot may be part of its name.
+pub(crate) fn with_extension(path: &Path, extension: &str) -> PathBuf {
+    let is_there = path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    if is_there { path.to_owned() } else { path.with_added_extension(extension) }
+}
+
+/// Says that a file is there already, which is not written over; `None` if it is not there.
+pub(crate) fn taken(file: &Path) -> Option<String> {
+    file.exists().then(|| format!("{} is there already: choose another name.", file.display()))
+}
+
+/// Returns the `number`th path that is offered for a file of a name, from 1 on.
+pub(crate) fn numbered_path(folder: &Path, name: &str, extension: &str, number: usize) -> PathBuf {
+    let number = if number == 1 { String::new() } else { format!("-{number}") };
+    folder.join(format!("{name}{number}.{extension}"))
+}
+
+/// Returns the first of these paths that does not exist yet and is not `planned`, so that nothing is
+/// overwritten.
+pub(crate) fn free_path(folder: &Path, name: &str, extension: &str, planned: &[PathBuf]) -> PathBuf {
+    let path = |i| numbered_path(folder, name, extension, i);
+    (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
+}
+
 /// Answer to a question for a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Picked {
@@ -75,6 +122,10 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
         Some(folder) => dialog.set_directory(folder),
         None => dialog,
     };
+    let extension = ask.kind.written_extension().unwrap_or_default();
+    let save = |dialog: rfd::FileDialog, name: &str, what: &str| {
+        dialog.set_file_name(name).add_filter(what, &[extension]).save_file()
+    };
     let path = match &ask.kind {
         PathKind::File(extensions) => dialog
             .add_filter("Reconstructions, sessions and videos", extensions)
@@ -85,15 +136,45 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
             .add_filter("Marks and annotations", &Marks::EXTENSIONS)
             .add_filter("All files", &["*"])
             .pick_file(),
-        PathKind::SaveMarks(name) => dialog.set_file_name(name).add_filter("Marks", &["json"]).save_file(),
-        PathKind::Save(name, what) => {
-            let extension = name.rsplit('.').next().unwrap_or_default();
-            dialog.set_file_name(name).add_filter(*what, &[extension]).save_file()
-        }
+        PathKind::SaveMarks(name) => save(dialog, name, "Marks"),
+        PathKind::Save(name, what) => save(dialog, name, what),
     };
     match path {
         Some(path) => Picked::Path(path),
         None if began.elapsed().as_millis() < NEVER_SHOWN_MS => Picked::Unavailable,
         None => Picked::Nothing,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_extension_is_appended_unless_it_is_there() {
+        let kind = PathKind::Save("clip.surgtpgs".into(), "Sessions");
+        for (chosen, written) in [
+            ("/data/op.2024", "/data/op.2024.surgtpgs"),
+            ("case", "case.surgtpgs"),
+            ("case.surgtpgs", "case.surgtpgs"),
+            ("CASE.SURGTPGS", "CASE.SURGTPGS"),
+        ] {
+            assert_eq!(kind.completed(Path::new(chosen)), Path::new(written));
+        }
+        assert_eq!(PathKind::SaveMarks("a.json".into()).completed(Path::new("b.c")), Path::new("b.c.json"));
+        assert_eq!(PathKind::Folder.completed(Path::new("b.c")), Path::new("b.c"));
+    }
+
+    #[test]
+    fn no_file_is_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let [first, second, third] =
+            ["clip", "clip-2", "clip-3"].map(|n| folder.path().join(format!("{n}.csv")));
+        assert_eq!(free_path(folder.path(), "clip", "csv", &[]), first);
+        assert_eq!(taken(&first), None);
+        std::fs::write(&first, "").unwrap();
+        assert!(taken(&first).unwrap().ends_with("clip.csv is there already: choose another name."));
+        assert_eq!(free_path(folder.path(), "clip", "csv", &[]), second);
+        assert_eq!(free_path(folder.path(), "clip", "csv", &[second]), third);
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::viewer::{
     action::Action,
+    backend::paths::taken,
     command::Command,
     panels::widgets::{Icon, caption, dialog, icon_button, main_button, path_field},
     shared::{Dialog, Shared},
@@ -167,8 +168,8 @@ fn files_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, actions: &mut Vec<A
 
 /// Writes a new file; says where, or what is wrong, with `true` for a fault.
 fn save(file: &Path, text: &str) -> (String, bool) {
-    if file.exists() {
-        return (format!("{} is there already: choose another name.", file.display()), true);
+    if let Some(why) = taken(file) {
+        return (why, true);
     }
     match write_whole(file, text.as_bytes()) {
         Ok(()) => (format!("Saved as {}", file.display()), false),

@@ -4,7 +4,7 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        paths::{PathAsk, PathKind},
+        paths::{PathAsk, PathKind, taken},
         task::{Task, TaskEvent},
     },
     panels::widgets::{caption, dialog, main_button},
@@ -52,7 +52,7 @@ impl Picker {
             (self.listing, self.entries) = (None, listed.unwrap_or_default());
         }
         let ((chosen, is_cancelled), is_closed) =
-            dialog(ctx, "picker", 620.0, |ui| self.contents_ui(ui, ask));
+            dialog(ctx, "picker", 620.0, |ui| self.contents_ui(ui, ask, shared.saving.saved.file.as_deref()));
         if let Some(path) = chosen {
             actions.push(Action::Pick(path, ask.kind.clone()));
         } else if is_cancelled || is_closed {
@@ -76,8 +76,9 @@ impl Picker {
         (self.folder, self.entries) = (folder, Vec::new());
     }
 
-    /// Shows the dialog; returns the chosen path, and `true` if the dialog is to be closed.
-    fn contents_ui(&mut self, ui: &mut Ui, ask: &PathAsk) -> (Option<PathBuf>, bool) {
+    /// Shows the dialog; returns the chosen path, and `true` if the dialog is to be closed. The file `own` may be
+    /// written over.
+    fn contents_ui(&mut self, ui: &mut Ui, ask: &PathAsk, own: Option<&Path>) -> (Option<PathBuf>, bool) {
         ui.heading(&ask.title);
         let field = TextEdit::singleline(&mut self.typed).desired_width(f32::INFINITY);
         let field = ui.add(field.hint_text("Path").return_key(None));
@@ -92,33 +93,22 @@ impl Picker {
             }
             ui.add(egui::Label::new(caption(self.folder.display().to_string())).truncate());
         });
-        let height = (ui.ctx().content_rect().height() - 300.0).clamp(60.0, 360.0);
-        ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false).show(
-            ui,
-            |ui| {
-                for entry in &self.entries {
-                    let path = self.folder.join(&entry.name);
-                    if !is_wanted(entry, &path, &ask.kind) {
-                        continue;
-                    }
-                    let name = if entry.is_file { entry.name.clone() } else { format!("{}/", entry.name) };
-                    let button =
-                        Button::new(name).truncate().frame(false).min_size(vec2(ui.available_width(), 28.0));
-                    if ui.add(button).clicked() {
-                        if entry.is_file { chosen = Some(path) } else { entered = Some(path) }
-                    }
-                }
-            },
-        );
-        if let Some(why) = problem(&typed, &ask.kind) {
+        let writes = ask.kind.written_extension().is_some();
+        match self.entries_ui(ui, &ask.kind) {
+            Some((path, false)) => entered = Some(path),
+            Some((path, true)) if writes => self.typed = path.display().to_string(),
+            Some((path, true)) => chosen = Some(path),
+            None => {}
+        }
+        let problem = problem(&typed, &ask.kind, own);
+        if let Some(why) = &problem {
             ui.label(RichText::new(why).font(theme::small()).color(theme::TEXT_WEAK));
         }
-        let is_ready = problem(&typed, &ask.kind).is_none();
-        let verb =
-            if matches!(ask.kind, PathKind::Save(..) | PathKind::SaveMarks(_)) { "Save" } else { "Open" };
+        let is_ready = problem.is_none();
+        let verb = if writes { "Save" } else { "Open" };
         let is_cancelled = ui.horizontal(|ui| {
             if ui.add_enabled(is_ready, main_button(verb)).clicked() || (is_ready && is_entered) {
-                chosen = Some(typed.clone());
+                chosen = Some(ask.kind.completed(&typed));
             }
             ui.button("Cancel").clicked()
         });
@@ -130,32 +120,58 @@ impl Picker {
         }
         (chosen, is_cancelled.inner)
     }
+
+    /// Shows the contents of the folder; returns the entry that is clicked, and `true` for a file.
+    fn entries_ui(&self, ui: &mut Ui, kind: &PathKind) -> Option<(PathBuf, bool)> {
+        let mut clicked = None;
+        let height = (ui.ctx().content_rect().height() - 300.0).clamp(60.0, 360.0);
+        let area = ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false);
+        area.show(ui, |ui| {
+            for entry in &self.entries {
+                let path = self.folder.join(&entry.name);
+                if !is_wanted(entry, &path, kind) {
+                    continue;
+                }
+                let name = if entry.is_file { entry.name.clone() } else { format!("{}/", entry.name) };
+                let button =
+                    Button::new(name).truncate().frame(false).min_size(vec2(ui.available_width(), 28.0));
+                if ui.add(button).clicked() {
+                    clicked = Some((path, entry.is_file));
+                }
+            }
+        });
+        clicked
+    }
 }
 
-/// Returns `true` for entries that lead to what is asked for.
+/// Returns `true` for entries that lead to what is asked for, or that have its kind of name.
 fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     match kind {
         _ if !entry.is_file => true,
         PathKind::File(extensions) => extensions.contains(&&*extension),
         PathKind::Marks => Marks::EXTENSIONS.contains(&&*extension),
-        PathKind::Folder | PathKind::Save(..) | PathKind::SaveMarks(_) => false,
+        PathKind::Folder => false,
+        PathKind::Save(..) | PathKind::SaveMarks(_) => kind.written_extension() == Some(&*extension),
     }
 }
 
-/// Says why a path cannot be chosen; `None` if it can.
-fn problem(path: &Path, kind: &PathKind) -> Option<&'static str> {
-    match kind {
-        PathKind::File(_) | PathKind::Marks if !path.exists() => Some("There is no such file."),
-        PathKind::Folder if !path.is_dir() => Some("There is no such folder."),
+/// Says why a path cannot be chosen; `None` if it can. The file `own` may be written over.
+fn problem(path: &Path, kind: &PathKind, own: Option<&Path>) -> Option<String> {
+    let file = kind.completed(path);
+    let why = match kind {
+        PathKind::File(_) | PathKind::Marks if !path.exists() => "There is no such file.",
+        PathKind::Folder if !path.is_dir() => "There is no such folder.",
+        PathKind::File(_) | PathKind::Marks | PathKind::Folder => return None,
         PathKind::Save(..) | PathKind::SaveMarks(_) if path.is_dir() => {
-            Some("Type a name for the file behind the folder.")
+            "Type a name for the file behind the folder."
         }
         PathKind::Save(..) | PathKind::SaveMarks(_) if !path.parent().is_some_and(Path::is_dir) => {
-            Some("There is no such folder.")
+            "There is no such folder."
         }
-        _ => None,
-    }
+        PathKind::Save(..) | PathKind::SaveMarks(_) => return taken(&file).filter(|_| own != Some(&file)),
+    };
+    Some(why.to_owned())
 }
 
 /// Lists the contents of a folder without hidden entries: folders first, each in the order of names.
@@ -184,5 +200,21 @@ mod tests {
         let offered = ["marks.json", "annotations.xml", "liver.seg.nrrd", "seg.dcm", "EXPORT.JSON", "A.DCM"];
         assert!(offered.into_iter().all(is_offered));
         assert!(!["scene.safetensors", "frame.png", "notes"].into_iter().any(is_offered));
+    }
+
+    #[test]
+    fn a_file_that_is_there_is_not_chosen_for_another_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("case.surgtpgs");
+        std::fs::write(&file, "of yesterday").unwrap();
+        let kind = PathKind::Save("case-2.surgtpgs".into(), "Sessions");
+        for typed in ["case.surgtpgs", "case"] {
+            let typed = folder.path().join(typed);
+            assert!(problem(&typed, &kind, None).unwrap().contains("is there already"));
+            assert_eq!(problem(&typed, &kind, Some(&file)), None, "the session's own");
+        }
+        assert_eq!(problem(&folder.path().join("case.2"), &kind, None), None);
+        let there = Entry { is_file: true, name: "case.surgtpgs".into() };
+        assert!(is_wanted(&there, &file, &kind), "what is there is shown");
     }
 }

@@ -3,8 +3,8 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        Backend, TrainRequest, Words, free_scene_path,
-        paths::{PathAsk, PathKind},
+        Backend, SCENE, TrainRequest, Words,
+        paths::{PathAsk, PathKind, free_path, taken, with_extension},
     },
     command::{Command, entry},
     panels::{
@@ -19,7 +19,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{CollapsingHeader, Context, Frame, Margin, ProgressBar, RichText, Ui};
-use std::{path::Path, sync::Arc};
+use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::train::{Quality, TrainSettings};
 
 /// Returns the name of a quality, and its purpose.
@@ -41,6 +41,8 @@ struct Asked {
     chapters: usize,
     /// The networks to choose, and their check.
     models: ModelsForm,
+    /// File that the user agreed to replace.
+    agreed: Option<PathBuf>,
     picking: Picking,
 }
 
@@ -49,7 +51,7 @@ impl Asked {
     fn new(shared: &Shared) -> Option<Self> {
         let info = shared.info()?;
         let (recording, name) = (info.recording.clone()?, &info.name);
-        let scene = free_scene_path(&info.output_folder, name, &shared.reconstruction.planned_scenes());
+        let scene = free_path(&info.output_folder, name, SCENE, &shared.reconstruction.planned_scenes());
         let models = ModelsForm::new(shared.preferences.models.clone());
         let words = if info.has_labels {
             Words::Labels
@@ -59,7 +61,8 @@ impl Asked {
             Words::Nothing
         };
         let excluded = shared.document.excluded().to_vec();
-        let request = TrainRequest { recording, scene, quality: Quality::default(), excluded, words };
+        let quality = Quality::default();
+        let request = TrainRequest { recording, scene, replaces: false, quality, excluded, words };
         let pace = shared.preferences.seconds_per_step_and_pixel;
         Some(Self {
             request,
@@ -68,6 +71,7 @@ impl Asked {
             expected_seconds: Quality::ALL
                 .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
             models,
+            agreed: None,
             picking: Picking::default(),
         })
     }
@@ -75,18 +79,31 @@ impl Asked {
     /// Takes the path that the user picked.
     fn poll(&mut self) {
         if let Some(path) = self.picking.poll() {
-            self.request.scene = path.with_extension("safetensors");
+            self.request.scene = with_extension(&path, SCENE);
+            // The system's dialog asks about the name that it returns.
+            self.agreed = Some(path);
         }
     }
 
     fn pick(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
-        let name = self.request.scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let ask = PathAsk {
-            title: "Save the reconstruction as".into(),
-            kind: PathKind::Save(name, "Reconstructions"),
-            folder: self.request.scene.parent().map(Path::to_owned),
-        };
+        let kind = |name| PathKind::Save(name, "Reconstructions");
+        let ask = PathAsk::save("Save the reconstruction as", &self.asked_request().scene, kind);
         self.picking.ask(ask, backend, ctx);
+    }
+
+    /// Returns what is asked for: with the extension of a scene, and to replace what the user agreed to.
+    fn asked_request(&self) -> TrainRequest {
+        let scene = with_extension(&self.request.scene, SCENE);
+        TrainRequest { replaces: self.agreed.as_ref() == Some(&scene), scene, ..self.request.clone() }
+    }
+
+    /// Says why the scene cannot be saved under its name; `None` if it can. Other scenes are `planned`.
+    fn fault(&self, planned: &[PathBuf]) -> Option<String> {
+        let TrainRequest { scene, replaces, .. } = self.asked_request();
+        if planned.contains(&scene) {
+            return Some(format!("{} is being made already: choose another name.", scene.display()));
+        }
+        taken(&scene).filter(|_| !replaces)
     }
 }
 
@@ -274,15 +291,13 @@ impl TrainDialog {
         };
         asked.poll();
         let memory = shared.backend.available_bytes().and_then(memory_warning);
-        let ((starts, is_cancelled), is_closed) = dialog(ctx, "reconstruct", 560.0, |ui| {
-            let waits = shared.reconstruction.training.is_some();
-            asked_ui(ui, &mut asked, &shared.backend, memory, waits)
-        });
+        let ((starts, is_cancelled), is_closed) =
+            dialog(ctx, "reconstruct", 560.0, |ui| asked_ui(ui, &mut asked, shared, memory));
         if starts {
             if let Words::Models(models) = asked.request.words.clone() {
                 actions.push(Action::prefer(move |p| p.models = models));
             }
-            actions.push(Action::Train(asked.request.clone()));
+            actions.push(Action::Train(asked.asked_request()));
         }
         if starts || is_cancelled || is_closed {
             actions.push(Action::CloseDialog);
@@ -292,13 +307,7 @@ impl TrainDialog {
 }
 
 /// Shows the questions; returns whether the buttons to start and to cancel were pressed.
-fn asked_ui(
-    ui: &mut Ui,
-    asked: &mut Asked,
-    backend: &Arc<dyn Backend>,
-    memory_warning: Option<String>,
-    waits: bool,
-) -> (bool, bool) {
+fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Option<String>) -> (bool, bool) {
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
     ui.add_space(8.0);
@@ -308,7 +317,8 @@ fn asked_ui(
         ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);
-    let is_ready = words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, backend);
+    let is_ready =
+        words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, &shared.backend);
     if asked.chapters > 1 {
         ui.label(caption(format!(
             "It is long, and is reconstructed in about {} parts, one after the other. Parts that are done can be \
@@ -322,15 +332,19 @@ fn asked_ui(
     ui.add_space(4.0);
     ui.horizontal(|ui| {
         if asked.picking.button_ui(ui, "Save as…").clicked() {
-            asked.pick(backend.clone(), ui.ctx());
+            asked.pick(shared.backend.clone(), ui.ctx());
         }
         path_field(ui, "File of the reconstruction", &mut asked.request.scene);
     });
     asked.picking.note_ui(ui);
+    let fault = asked.fault(&shared.reconstruction.planned_scenes());
+    if let Some(why) = &fault {
+        ui.label(RichText::new(why).font(theme::small()).color(theme::AMBER));
+    }
     ui.add_space(10.0);
     ui.horizontal(|ui| {
-        let label = if waits { "Start after the others" } else { "Start" };
-        let start = ui.add_enabled(is_ready, main_button(label)).clicked();
+        let label = if shared.reconstruction.training.is_some() { "Start after the others" } else { "Start" };
+        let start = ui.add_enabled(is_ready && fault.is_none(), main_button(label)).clicked();
         (start, ui.button("Cancel").clicked())
     })
     .inner

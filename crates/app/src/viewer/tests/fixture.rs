@@ -173,6 +173,7 @@ impl Backend for FakeBackend {
         let request = TrainRequest {
             recording: folder.to_owned(),
             scene: folder.join("scene"),
+            replaces: false,
             quality: Quality::Quick,
             excluded: Vec::new(),
             words: Words::Labels,

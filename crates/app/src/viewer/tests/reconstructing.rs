@@ -287,6 +287,29 @@ fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
     assert!(!window.shows("steps") && !window.shows("Gaussians"));
 }
 
+#[test]
+fn a_scene_is_replaced_only_if_the_user_agreed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..bare() });
+    window.click("Reconstruct…");
+    let scene = folder.path().join("clip.safetensors");
+    std::fs::write(&scene, "of yesterday").unwrap();
+    window.until_shown("is there already");
+    window.click("Start");
+    assert!(window.harness.state().shared.reconstruction.training.is_none(), "it cannot be started");
+    *window.backend.picked.lock().unwrap() = Some(Picked::Path(scene.clone()));
+    window.click("Save as…");
+    while window.shows("is there already") {
+        window.harness.step();
+    }
+    window.click("Start");
+    window.until_shown("Reconstructing: training");
+    window.click("Stop and keep what was learned");
+    window.until(|app| app.reconstruction.training.is_none());
+    let request = window.backend.trained.lock().unwrap()[0].clone();
+    assert_eq!((request.scene, request.replaces), (scene, true));
+}
+
 fn type_into(window: &mut Window, field: &str, text: &str) {
     window.harness.get_by_role_and_label(Role::TextInput, field).focus();
     window.harness.step();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::viewer::{
     ViewerInput,
+    backend::paths::PathKind,
     command::Command,
     state::{content::Bookmark, session::Session},
 };
@@ -113,6 +114,31 @@ fn a_session_can_be_saved_without_a_file_dialog_and_the_window_says_where() {
     window.harness.step();
     assert!(window.shows("Saved as clip.surgtpgs"));
     assert!(Session::load(&folder.path().join("clip.surgtpgs")).is_ok());
+    window.press_with(Modifiers::COMMAND | Modifiers::SHIFT, Key::S);
+    window.until(|app| app.opening.asked.is_some());
+    let ask = window.harness.state().shared.opening.asked.clone().unwrap();
+    assert_eq!(ask.kind, PathKind::Save("clip-2.surgtpgs".into(), "Sessions"), "what is free is offered");
+}
+
+#[test]
+fn a_session_is_not_saved_over_a_file_that_the_dialog_did_not_ask_about() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("op.2024.surgtpgs");
+    std::fs::write(&file, "of yesterday").unwrap();
+    let mut window = Window::on(scene());
+    window.add_prompt("liver");
+    let save_as = |window: &mut Window, name: &str| {
+        *window.backend.picked.lock().unwrap() = Some(Picked::Path(folder.path().join(name)));
+        window.press_with(Modifiers::COMMAND | Modifiers::SHIFT, Key::S);
+        window.until(|app| app.opening.picking.is_none());
+    };
+    save_as(&mut window, "op.2024");
+    assert!(window.shows("is there already") && window.harness.state().shared.is_unsaved());
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "of yesterday");
+    save_as(&mut window, "op.2024.surgtpgs");
+    assert!(Session::load(&file).is_ok(), "the dialog asked about this name");
+    save_as(&mut window, "op.2024");
+    assert!(window.shows("Saved as op.2024.surgtpgs"), "it is the session's own file");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     backend::{
-        paths::{PathAsk, PathKind},
+        paths::{PathAsk, PathKind, free_path},
         task::{Task, TaskEvent},
     },
     shared::Shared,
@@ -83,9 +83,8 @@ impl Shared {
     /// Asks where to save the marks.
     pub(crate) fn save_marks(&mut self, ctx: &Context) {
         let Some(info) = self.info() else { return };
-        let kind = PathKind::SaveMarks(format!("{}-marks.json", info.name));
-        let folder = Some(info.output_folder.clone());
-        self.ask_for(PathAsk { title: "Save the marks as".into(), kind, folder }, ctx);
+        let file = free_path(&info.output_folder, &format!("{}-marks", info.name), "json", &[]);
+        self.ask_for(PathAsk::save("Save the marks as", &file, PathKind::SaveMarks), ctx);
     }
 
     /// Writes all marks to a file.

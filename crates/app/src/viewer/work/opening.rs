@@ -3,20 +3,14 @@
 use crate::viewer::{
     backend::{
         FrameSource,
-        paths::{PathAsk, PathKind, Picked},
+        paths::{PathAsk, PathKind, Picked, taken},
         task::{Task, TaskEvent},
     },
     picture::open::Open,
     shared::{Shared, Viewport},
     state::{
-        content::Look,
-        marking::Marking,
-        opening::Underway,
-        playback::Playback,
-        reconstruction::ImportCheck,
-        saving::Saved,
-        session::{self, Session},
-        view_mode::ViewMode,
+        content::Look, marking::Marking, opening::Underway, playback::Playback, reconstruction::ImportCheck,
+        saving::Saved, session::Session, view_mode::ViewMode,
     },
 };
 use egui::{Context, Event};
@@ -80,8 +74,19 @@ impl Shared {
         match kind {
             PathKind::File(_) | PathKind::Folder => self.open_path(path, ctx),
             PathKind::Marks => self.read_marks(path, ctx),
-            PathKind::SaveMarks(_) => self.write_marks(&path.with_extension("json"), now),
-            PathKind::Save(..) => self.write_session(&path.with_extension(session::EXTENSION), now),
+            PathKind::SaveMarks(_) | PathKind::Save(..) => self.write_picked(path, kind, now),
+        }
+    }
+
+    /// Writes the file that was asked for, but not over one that nobody was asked about: a dialog asks about
+    /// the name that it returns, which may lack the extension.
+    fn write_picked(&mut self, path: &Path, kind: &PathKind, now: f64) {
+        let file = kind.completed(path);
+        let is_agreed = file == path || self.saving.saved.file.as_ref() == Some(&file);
+        match (taken(&file).filter(|_| !is_agreed), kind) {
+            (Some(why), _) => self.problem = Some(why),
+            (None, PathKind::SaveMarks(_)) => self.write_marks(&file, now),
+            (None, _) => self.write_session(&file, now),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Sessions: saved where the user chooses, and kept automatically until then.
 
 use crate::viewer::{
-    backend::paths::{PathAsk, PathKind},
+    backend::paths::{PathAsk, PathKind, free_path},
     shared::Shared,
     state::{
         content::Content,
@@ -87,9 +87,9 @@ impl Shared {
             return;
         }
         let Some(info) = self.info() else { return };
-        let kind = PathKind::Save(format!("{}.{}", info.name, session::EXTENSION), "Sessions");
-        let folder = Some(info.output_folder.clone());
-        self.ask_for(PathAsk { title: "Save the session as".into(), kind, folder }, ctx);
+        let file = free_path(&info.output_folder, &info.name, session::EXTENSION, &[]);
+        let kind = |name| PathKind::Save(name, "Sessions");
+        self.ask_for(PathAsk::save("Save the session as", &file, kind), ctx);
     }
 
     /// Writes the session file.

@@ -82,6 +82,7 @@ impl Backend for EngineBackend {
         let train = TrainRequest {
             recording: paths.recording.clone(),
             scene: paths.scene,
+            replaces: false,
             quality: Quality::default(),
             excluded: Vec::new(),
             words: Words::Labels,

@@ -1,7 +1,7 @@
 //! A recording that is not reconstructed yet, as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering, scene_path};
+use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering, SCENE, paths::numbered_path};
 use crate::{engine::Question, jobs::Material};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -99,7 +99,8 @@ fn made_before(sequence: &Sequence, folder: &Path) -> Option<PathBuf> {
     };
     let modified = |path: &PathBuf| path.metadata().and_then(|about| about.modified()).ok();
     let name = sequence.name();
-    let there = (1..100).map(|number| scene_path(folder, &name, number)).filter(|path| path.exists());
+    let there =
+        (1..100).map(|number| numbered_path(folder, &name, SCENE, number)).filter(|path| path.exists());
     there.filter(is_of_it).max_by_key(modified)
 }
 

@@ -2,7 +2,8 @@
 
 use super::scene::SceneSource;
 use crate::viewer::backend::{
-    Models, PREPARING, TrainNews, TrainRequest, Words, free_scene_path,
+    Models, PREPARING, SCENE, TrainNews, TrainRequest, Words,
+    paths::free_path,
     task::{NOT_SAVED, TaskContext},
 };
 use crate::{
@@ -33,8 +34,7 @@ const FIRST_PREVIEW: usize = 60;
 pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
     let material = Material::open(&request.recording)?;
     let inputs = material.inputs(&request.recording);
-    // The offered name is free, and the file dialog asks before it replaces a file.
-    let output = outputs::scene_file(&request.scene, &inputs, true)?;
+    let output = outputs::scene_file(&request.scene, &inputs, request.replaces)?;
     // Temporary folder of the features. It must outlive the training, which reads from it.
     let mut features = None;
     let material = match (material, &request.words) {
@@ -71,7 +71,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         backend: engine::BackendChoice::Auto,
         scene: output.path(),
         keeps_unfinished: false,
-        // The dialog asked before it took the name.
+        // Chapters that an interrupted training of other settings left do not stand in the way.
         replaces: true,
         look_at: Some(&|| task.play_head()),
     };
@@ -96,7 +96,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
 /// Returns a free path beside a scene, for one whose training was stopped.
 fn stopped_beside(scene: &Path) -> PathBuf {
     let (folder, name) = (scene.parent().unwrap_or(Path::new(".")), scene.file_stem().unwrap_or_default());
-    free_scene_path(folder, &format!("{}-stopped", name.to_string_lossy()), &[])
+    free_path(folder, &format!("{}-stopped", name.to_string_lossy()), SCENE, &[])
 }
 
 /// Prepares a recording with networks, in a folder beside the scene that stays: after a stop, or with other
@@ -254,11 +254,12 @@ mod tests {
         let request = TrainRequest {
             recording: recording.clone(),
             scene: scene.clone(),
+            replaces: false,
             quality: Quality::Quick,
             excluded: Vec::new(),
             words: Words::Labels,
         };
-        let again = request.clone();
+        let again = TrainRequest { replaces: true, ..request.clone() };
         let train = move |task: &TaskContext<TrainNews>| reconstruct(&request, task).map(drop);
         let mut task = Task::start("training", &egui::Context::default(), train);
         wait(&mut task, false).unwrap().unwrap();
@@ -273,6 +274,9 @@ mod tests {
         assert_eq!(made_before(&other), None, "another recording's");
 
         let whole = std::fs::read(&scene).unwrap();
+        let unasked = TrainRequest { replaces: false, ..again.clone() };
+        let refused = reconstruct(&unasked, &TaskContext::stopping_at(|_| true)).unwrap_err();
+        assert!(refused.to_string().contains("there is an earlier result here"), "{refused}");
         for name in ["clip-stopped.safetensors", "clip-stopped-2.safetensors"] {
             let stopping = TaskContext::stopping_at(|p| p.stage == jobs::TRAINING);
             assert_eq!(reconstruct(&again, &stopping).unwrap(), folder.path().join(name));
@@ -335,6 +339,7 @@ mod tests {
         let request = TrainRequest {
             recording,
             scene: folder.path().join("clip.safetensors"),
+            replaces: false,
             quality: Quality::Quick,
             excluded: Vec::new(),
             words: Words::Models(models),
