@@ -9,21 +9,22 @@ use crate::viewer::{
     state::session::Session,
 };
 use std::{
-    fs::{File, OpenOptions},
+    fs::{File, OpenOptions, TryLockError},
     path::{Path, PathBuf},
 };
-use surgtpgs_core::Result;
+use surgtpgs_core::{Error, Result};
 
 /// Seconds between two writes of changes that are not edits, such as the frame.
 pub(crate) const EVERY_SECS: f64 = 30.0;
 
-/// Number of windows that can be open at once and still be protected.
-const MAX_WINDOWS: usize = 32;
+/// Number of works that can be kept, those of open windows included. Each holds a file open.
+const MAX_PLACES: usize = 128;
 
 /// The place of this window, and the sessions that other windows left behind.
 #[derive(Default)]
 pub(crate) struct Autosave {
     folder: Option<PathBuf>,
+    /// Place of the work that is open; `None` until there is one to take.
     place: Option<Place>,
     /// Sessions left behind or put aside, newest first.
     pub(crate) left: Vec<Left>,
@@ -46,25 +47,52 @@ struct Place {
 impl Place {
     /// Locks the place with a number, if it holds a session (`is_used`) or holds none (`!is_used`). Returns
     /// `None` if that is not so or if another window has the place.
-    fn lock(folder: &Path, number: usize, is_used: bool) -> Option<Self> {
+    fn lock(folder: &Path, number: usize, is_used: bool) -> Result<Option<Self>> {
         let file = folder.join(format!("{number}.{}", crate::viewer::state::session::EXTENSION));
         if file.is_file() != is_used {
-            return None;
+            return Ok(None);
         }
-        lock(&file.with_extension("lock")).map(|lock| Self { file, _lock: lock })
+        let lock = lock(&file.with_extension("lock"))?;
+        // Another window may have written or removed it before it freed the lock.
+        Ok(lock.filter(|_| file.is_file() == is_used).map(|lock| Self { file, _lock: lock }))
     }
 
-    /// Locks the first place that holds no session.
-    fn free(folder: &Path) -> Option<Self> {
-        (0..MAX_WINDOWS).find_map(|number| Self::lock(folder, number, false))
+    /// Locks the first place that holds no session, in a folder that is made if it is missing.
+    fn free(folder: &Path) -> Result<Self> {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io("make the folder", folder, e))?;
+        let mut fault = None;
+        for number in 0..MAX_PLACES {
+            match Self::lock(folder, number, false) {
+                Ok(Some(place)) => return Ok(place),
+                Ok(None) => {}
+                Err(e) => fault = Some(e),
+            }
+        }
+        let is_full = || {
+            let what = format!("{MAX_PLACES} unsaved works are kept here already");
+            Error::input_at(folder, what, "Restore or discard some of them on the start page.")
+        };
+        Err(fault.unwrap_or_else(is_full))
     }
 }
 
 /// A session that another window left behind, or that this one put aside.
 pub(crate) struct Left {
     pub(crate) session: Session,
-    place: Place,
+    /// Place of its file; `None` if it is in memory alone.
+    place: Option<Place>,
     is_own: bool,
+    /// `false` if its file lacks changes, because it could not be written.
+    is_kept: bool,
+}
+
+impl Left {
+    /// Removes its file.
+    fn remove(self) {
+        if let Some(place) = self.place {
+            remove(&place.file);
+        }
+    }
 }
 
 impl Autosave {
@@ -77,17 +105,20 @@ impl Autosave {
     pub(crate) fn open(folder: Option<PathBuf>) -> Self {
         let Some(at) = &folder else { return Self::default() };
         let mut left = Vec::new();
-        for place in (0..MAX_WINDOWS).filter_map(|number| Place::lock(at, number, true)) {
+        for place in (0..MAX_PLACES).filter_map(|number| Place::lock(at, number, true).ok()?) {
             match Session::load(&place.file) {
-                Ok(session) => left.push(Left { session, place, is_own: false }),
+                Ok(session) => {
+                    left.push(Left { session, place: Some(place), is_own: false, is_kept: true });
+                }
                 Err(_) => {
                     eprintln!("what was left unsaved cannot be read ({})", place.file.display());
                 }
             }
         }
-        let time = |left: &Left| std::fs::metadata(&left.place.file).and_then(|m| m.modified()).ok();
-        left.sort_by_key(|left| std::cmp::Reverse(time(left)));
-        Self { place: Place::free(at), left, folder, ..Self::default() }
+        let time = |place: &Place| std::fs::metadata(&place.file).and_then(|m| m.modified()).ok();
+        left.sort_by_key(|left| std::cmp::Reverse(left.place.as_ref().and_then(time)));
+        // Where there is no place, another try is made once there is something to keep.
+        Self { place: Place::free(at).ok(), left, folder, ..Self::default() }
     }
 
     /// Writes unsaved work: edits at once; other changes, and work that could not be written, after
@@ -101,16 +132,13 @@ impl Autosave {
         ctx: &egui::Context,
     ) -> Result<Option<f64>> {
         match self.poll_writing() {
-            Some(Err(e)) => {
-                self.due = Some(now + EVERY_SECS);
-                if !std::mem::replace(&mut self.is_failing, true) {
-                    return Err(e);
-                }
-            }
+            Some(Err(e)) => self.put_off(now, e)?,
             Some(Ok(())) => self.is_failing = false,
             None => {}
         }
-        let Some(place) = &self.place else { return Ok(None) };
+        if self.folder.is_none() {
+            return Ok(None);
+        }
         if self.written.as_ref() == Some(session) {
             (self.due, self.revision) = (None, revision);
             return Ok(None);
@@ -120,12 +148,32 @@ impl Autosave {
             return Ok(Some(due - now));
         }
         if self.writing.is_none() {
-            let (file, theirs) = (place.file.clone(), session.clone());
+            self.revision = revision;
+            let file = match self.file() {
+                Ok(Some(file)) => file,
+                Ok(None) => return Ok(None),
+                Err(e) => return self.put_off(now, e).map(|()| Some(EVERY_SECS)),
+            };
+            let theirs = session.clone();
             self.writing = Some(Task::start("keeping the work", ctx, move |_| theirs.save(&file)));
             self.written = Some(session.clone());
-            (self.due, self.revision) = (None, revision);
+            self.due = None;
         }
         Ok(None)
+    }
+
+    /// Puts off the next try to write after one that failed; the first time, this is an error.
+    fn put_off(&mut self, now: f64, e: Error) -> Result<()> {
+        self.due = Some(now + EVERY_SECS);
+        if std::mem::replace(&mut self.is_failing, true) { Ok(()) } else { Err(e) }
+    }
+
+    /// Returns the file of this window's place, and takes a place if it has none; `None` if nothing is kept.
+    fn file(&mut self) -> Result<Option<PathBuf>> {
+        if let (None, Some(folder)) = (&self.place, &self.folder) {
+            self.place = Some(Place::free(folder)?);
+        }
+        Ok(self.place.as_ref().map(|place| place.file.clone()))
     }
 
     /// Removes the kept work, because it was saved elsewhere or there is nothing to keep.
@@ -142,20 +190,18 @@ impl Autosave {
     /// Writes at once, at the end of the program.
     pub(crate) fn keep_now(&mut self, session: &Session) -> Result<()> {
         self.finish_writing();
-        match &self.place {
-            Some(place) if self.written.as_ref() != Some(session) => session.save(&place.file),
-            _ => Ok(()),
+        if self.written.as_ref() == Some(session) {
+            return Ok(());
         }
+        self.file()?.map_or(Ok(()), |file| session.save(&file))
     }
 
-    /// Leaves `session` in its place, as if this window had ended, and continues in another place. If the
+    /// Leaves `session` in its place, as if this window had ended; what follows gets another place. If the
     /// session cannot be written, it can be restored as long as this window is open.
     pub(crate) fn put_aside(&mut self, session: Session) -> Result<()> {
         let kept = self.keep_now(&session);
-        if let Some(place) = self.place.take() {
-            self.left.insert(0, Left { session, place, is_own: true });
-        }
-        self.place = self.folder.as_deref().and_then(Place::free);
+        let (place, is_kept) = (self.place.take(), kept.is_ok());
+        self.left.insert(0, Left { session, place, is_own: true, is_kept });
         (self.written, self.due, self.is_failing) = (None, None, false);
         kept
     }
@@ -163,7 +209,7 @@ impl Autosave {
     /// Removes all files of this window, at the end of the program.
     pub(crate) fn forget(&mut self) {
         self.clear(self.revision);
-        self.left.extract_if(.., |left| left.is_own).for_each(|left| remove(&left.place.file));
+        self.left.extract_if(.., |left| left.is_own).for_each(Left::remove);
     }
 
     /// Moves the newest session of `opened` to the front of the sessions left; returns `false` if there is
@@ -176,17 +222,17 @@ impl Autosave {
         found.is_some()
     }
 
-    /// Takes the first session left behind. Its file moves to the place of this window; if that fails, it
-    /// stays where it is.
+    /// Takes the first session left behind, whose place becomes that of this window.
     pub(crate) fn restore(&mut self) -> Option<Session> {
         if self.left.is_empty() {
             return None;
         }
+        self.clear(self.revision);
         let left = self.left.remove(0);
-        if let Some(place) = &self.place
-            && std::fs::rename(&left.place.file, &place.file).is_ok()
-        {
-            self.written = Some(left.session.clone());
+        if let Some(place) = left.place {
+            self.place = Some(place);
+            self.written = left.is_kept.then(|| left.session.clone());
+            self.is_failing = !left.is_kept;
         }
         Some(left.session)
     }
@@ -199,7 +245,7 @@ impl Autosave {
 
     /// Discards the first session left behind.
     pub(crate) fn discard(&mut self) {
-        self.left.drain(..1.min(self.left.len())).for_each(|left| remove(&left.place.file));
+        self.left.drain(..1.min(self.left.len())).for_each(Left::remove);
     }
 
     /// Returns the result of the write that has just ended, if any.
@@ -222,10 +268,15 @@ impl Autosave {
     }
 }
 
-fn lock(file: &Path) -> Option<File> {
-    std::fs::create_dir_all(file.parent()?).ok()?;
-    let file = OpenOptions::new().create(true).truncate(false).write(true).open(file).ok()?;
-    file.try_lock().ok().map(|()| file)
+/// Locks a file; `None` if another window has it.
+fn lock(file: &Path) -> Result<Option<File>> {
+    let fault = |e| Error::io("lock the file", file, e);
+    let opened = OpenOptions::new().create(true).truncate(false).write(true).open(file).map_err(fault)?;
+    match opened.try_lock() {
+        Ok(()) => Ok(Some(opened)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(e)) => Err(fault(e)),
+    }
 }
 
 fn remove(file: &Path) {
@@ -345,6 +396,44 @@ mod tests {
         assert_eq!(Session::load(&file).unwrap(), session("b"));
         autosave.clear(2);
         assert!(!file.exists());
+    }
+
+    #[test]
+    fn work_without_a_place_says_so_and_stays_until_there_is_one() {
+        let (_held, folder) = folder();
+        let folder = folder.unwrap();
+        let ctx = egui::Context::default();
+        std::fs::write(&folder, "no folder").unwrap();
+        let mut autosave = Autosave::open(Some(folder.clone()));
+        assert!(autosave.keep(0.0, 1, &session("a"), &ctx).is_err());
+        assert_eq!(
+            autosave.keep(1.0, 1, &session("a"), &ctx).unwrap(),
+            Some(EVERY_SECS - 1.0),
+            "said before"
+        );
+        assert_eq!(
+            autosave.keep(2.0, 2, &session("b"), &ctx).unwrap(),
+            Some(EVERY_SECS),
+            "tried with every edit"
+        );
+        assert!(autosave.put_aside(session("b")).is_err());
+        std::fs::remove_file(&folder).unwrap();
+        assert_eq!(autosave.restore(), Some(session("b")), "in memory");
+        autosave.keep_now(&session("b")).unwrap();
+        assert_eq!(Session::load(&folder.join("0.surgtpgs")).unwrap(), session("b"));
+
+        for number in 1..MAX_PLACES {
+            session("old").save(&folder.join(format!("{number}.surgtpgs"))).unwrap();
+        }
+        let mut other = Autosave::open(Some(folder.clone()));
+        assert_eq!(other.left.len(), MAX_PLACES - 1);
+        let full = other.keep(0.0, 1, &session("c"), &ctx).unwrap_err().to_string();
+        assert!(full.contains("128 unsaved works") && full.contains("discard some"), "{full}");
+        assert!(other.put_aside(session("c")).is_err());
+        assert_eq!(other.left[0].session, session("c"));
+        assert!(other.recall(Path::new("/data/old")));
+        other.discard();
+        other.keep_now(&session("d")).unwrap();
     }
 
     #[test]

@@ -131,6 +131,17 @@ fn work_that_cannot_be_kept_is_said_with_what_to_do() {
     window.harness.step();
     assert!(window.shows("cannot be kept safe") && window.shows("Save the session elsewhere"));
     assert!(window.harness.state().shared.is_unsaved());
+
+    // The folder cannot even be made.
+    let mut window = keeping(&place);
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    window.press(Key::M);
+    window.until(|app| app.problem.is_some());
+    window.harness.step();
+    assert!(window.shows("cannot be kept safe"));
+    open(&mut window, Path::new("/elsewhere/other.safetensors"));
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    window.until_shown("Your work on this recording is back");
 }
 
 #[test]
