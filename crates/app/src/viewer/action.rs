@@ -6,8 +6,8 @@ use crate::viewer::{
     command::{Command, keys},
     shared::Shared,
     state::{
-        content::Look, document::Document, marking::Marking, preferences::Preferences, time_scale::Span,
-        zoom::Panes,
+        autosave::LeftId, content::Look, document::Document, marking::Marking, preferences::Preferences,
+        time_scale::Span, zoom::Panes,
     },
 };
 use crate::{engine::Negatives, jobs::ExportRequest};
@@ -68,12 +68,10 @@ pub(crate) enum Action {
     ForgetFinished,
     /// Inverts which side of the recording's masks is kept.
     FlipMasks,
-    /// Offers another unsaved work first.
-    Recall(PathBuf),
-    /// Restores the unsaved work that is offered first.
-    Restore,
-    /// Discards the unsaved work that is offered first.
-    Discard,
+    /// Restores unsaved work.
+    Restore(LeftId),
+    /// Discards unsaved work.
+    Discard(LeftId),
     /// Offers unsaved work again at the next start.
     RestoreLater,
     /// Shows a problem.
@@ -173,13 +171,8 @@ impl Shared {
             }
             Action::ForgetFinished => self.reconstruction.finished = None,
             Action::FlipMasks => self.flip_masks(ctx),
-            Action::Recall(opened) => drop(self.saving.autosave.recall(&opened)),
-            Action::Restore => {
-                if let Some(session) = self.saving.autosave.restore() {
-                    self.open_session(session, None, ctx);
-                }
-            }
-            Action::Discard => self.saving.autosave.discard(),
+            Action::Restore(id) => self.restore(id, ctx),
+            Action::Discard(id) => self.saving.autosave.discard(id),
             Action::RestoreLater => self.saving.is_recovery_put_off = true,
             Action::Report(problem) => self.problem = Some(problem),
             Action::CloseProblem => self.problem = None,

@@ -25,10 +25,10 @@ pub(crate) fn left_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             ui.label(summary(shared, &left.session));
             ui.horizontal_wrapped(|ui| {
                 if ui.add(main_button("Restore")).on_hover_text(opened.display().to_string()).clicked() {
-                    actions.extend([Action::Recall(opened.clone()), Action::Restore]);
+                    actions.push(Action::Restore(left.id));
                 }
                 if ui.button("Discard").on_hover_text("Forget it for good").clicked() {
-                    actions.extend([Action::Recall(opened.clone()), Action::Discard]);
+                    actions.push(Action::Discard(left.id));
                 }
             });
         }
@@ -41,10 +41,9 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     if !shared.preferences.is_acknowledged || shared.open.is_none() {
         return;
     }
-    let Some(left) = shared.saving.autosave.left.first().filter(|_| !shared.saving.is_recovery_put_off)
-    else {
-        return;
-    };
+    let saving = &shared.saving;
+    let is_wanted = !saving.is_recovery_put_off && saving.to_apply.is_none();
+    let Some(left) = saving.autosave.left.first().filter(|_| is_wanted) else { return };
     let what = summary(shared, &left.session);
     let file = left.session.opened.display().to_string();
     let (answer, is_closed) = dialog(ctx, "recovery", 480.0, |ui| {
@@ -65,8 +64,8 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
         .inner
     });
     match answer {
-        (true, ..) => actions.push(Action::Restore),
-        (_, _, true) => actions.push(Action::Discard),
+        (true, ..) => actions.push(Action::Restore(left.id)),
+        (_, _, true) => actions.push(Action::Discard(left.id)),
         // A click beside the question answers nothing.
         (_, is_later, _) if is_later || (is_closed && ctx.input(|i| i.key_pressed(egui::Key::Escape))) => {
             actions.push(Action::RestoreLater)

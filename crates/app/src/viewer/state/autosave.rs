@@ -28,6 +28,7 @@ pub(crate) struct Autosave {
     place: Option<Place>,
     /// Sessions left behind or put aside, newest first.
     pub(crate) left: Vec<Left>,
+    next_id: LeftId,
     writing: Option<Task<()>>,
     /// Session that is on disk or being written.
     written: Option<Session>,
@@ -76,12 +77,17 @@ impl Place {
     }
 }
 
+/// Number of a session that was left, which no other one has while the window is open.
+pub(crate) type LeftId = u64;
+
 /// A session that another window left behind, or that this one put aside.
 pub(crate) struct Left {
+    pub(crate) id: LeftId,
     pub(crate) session: Session,
     /// Place of its file; `None` if it is in memory alone.
     place: Option<Place>,
-    is_own: bool,
+    /// `true` if this window put it aside.
+    pub(crate) is_own: bool,
     /// `false` if its file lacks changes, because it could not be written.
     is_kept: bool,
 }
@@ -108,7 +114,8 @@ impl Autosave {
         for place in (0..MAX_PLACES).filter_map(|number| Place::lock(at, number, true).ok()?) {
             match Session::load(&place.file) {
                 Ok(session) => {
-                    left.push(Left { session, place: Some(place), is_own: false, is_kept: true });
+                    let (id, place) = (left.len() as LeftId, Some(place));
+                    left.push(Left { id, session, place, is_own: false, is_kept: true });
                 }
                 Err(_) => {
                     eprintln!("what was left unsaved cannot be read ({})", place.file.display());
@@ -118,7 +125,8 @@ impl Autosave {
         let time = |place: &Place| std::fs::metadata(&place.file).and_then(|m| m.modified()).ok();
         left.sort_by_key(|left| std::cmp::Reverse(left.place.as_ref().and_then(time)));
         // Where there is no place, another try is made once there is something to keep.
-        Self { place: Place::free(at).ok(), left, folder, ..Self::default() }
+        let (place, next_id) = (Place::free(at).ok(), left.len() as LeftId);
+        Self { place, left, next_id, folder, ..Self::default() }
     }
 
     /// Writes unsaved work: edits at once; other changes, and work that could not be written, after
@@ -201,7 +209,8 @@ impl Autosave {
     pub(crate) fn put_aside(&mut self, session: Session) -> Result<()> {
         let kept = self.keep_now(&session);
         let (place, is_kept) = (self.place.take(), kept.is_ok());
-        self.left.insert(0, Left { session, place, is_own: true, is_kept });
+        self.left.insert(0, Left { id: self.next_id, session, place, is_own: true, is_kept });
+        self.next_id += 1;
         (self.written, self.due, self.is_failing) = (None, None, false);
         kept
     }
@@ -212,40 +221,41 @@ impl Autosave {
         self.left.extract_if(.., |left| left.is_own).for_each(Left::remove);
     }
 
-    /// Moves the newest session of `opened` to the front of the sessions left; returns `false` if there is
-    /// none.
-    pub(crate) fn recall(&mut self, opened: &Path) -> bool {
-        let found = self.left.iter().position(|left| left.session.opened == opened);
-        if let Some(at) = found {
-            self.left[..=at].rotate_right(1);
-        }
-        found.is_some()
+    /// Returns a session that was left.
+    pub(crate) fn left(&self, id: LeftId) -> Option<&Left> {
+        self.left.iter().find(|left| left.id == id)
     }
 
-    /// Takes the first session left behind, whose place becomes that of this window.
-    pub(crate) fn restore(&mut self) -> Option<Session> {
-        if self.left.is_empty() {
-            return None;
-        }
+    /// Moves the newest session of `opened` to the front of the sessions left, and returns it; `None` if there
+    /// is none.
+    pub(crate) fn recall(&mut self, opened: &Path) -> Option<&Left> {
+        let at = self.left.iter().position(|left| left.session.opened == opened)?;
+        self.left[..=at].rotate_right(1);
+        self.left.first()
+    }
+
+    /// Makes a session that was left, and that the window now shows, the work of this window: its place becomes
+    /// that of the window.
+    pub(crate) fn adopt(&mut self, id: LeftId) {
+        let Some(left) = self.take(id) else { return };
         self.clear(self.revision);
-        let left = self.left.remove(0);
         if let Some(place) = left.place {
             self.place = Some(place);
-            self.written = left.is_kept.then(|| left.session.clone());
+            self.written = left.is_kept.then_some(left.session);
             self.is_failing = !left.is_kept;
         }
-        Some(left.session)
     }
 
-    /// Takes the first session left, if this window put it aside.
-    pub(crate) fn restore_own(&mut self) -> Option<Session> {
-        let is_own = self.left.first().is_some_and(|left| left.is_own);
-        if is_own { self.restore() } else { None }
+    /// Discards a session that was left.
+    pub(crate) fn discard(&mut self, id: LeftId) {
+        if let Some(left) = self.take(id) {
+            left.remove();
+        }
     }
 
-    /// Discards the first session left behind.
-    pub(crate) fn discard(&mut self) {
-        self.left.drain(..1.min(self.left.len())).for_each(Left::remove);
+    fn take(&mut self, id: LeftId) -> Option<Left> {
+        let at = self.left.iter().position(|left| left.id == id)?;
+        Some(self.left.remove(at))
     }
 
     /// Returns the result of the write that has just ended, if any.
@@ -301,6 +311,13 @@ mod tests {
         Session::new(PathBuf::from("/data").join(name))
     }
 
+    /// Restores the first session left.
+    fn restore(autosave: &mut Autosave) -> Session {
+        let (id, session) = (autosave.left[0].id, autosave.left[0].session.clone());
+        autosave.adopt(id);
+        session
+    }
+
     #[test]
     fn what_a_window_left_is_offered_once_it_is_gone_and_not_before() {
         let (_held, folder) = folder();
@@ -312,11 +329,11 @@ mod tests {
         drop(first);
         let mut next = Autosave::open(folder.clone());
         assert_eq!(next.left[0].session, session("a.safetensors"));
-        assert_eq!(next.restore(), Some(session("a.safetensors")));
+        assert_eq!(restore(&mut next), session("a.safetensors"));
         drop(next);
         assert_eq!(Autosave::open(folder.clone()).left.len(), 1, "restored, and still not saved elsewhere");
         let mut last = Autosave::open(folder.clone());
-        last.discard();
+        last.discard(last.left[0].id);
         drop(last);
         assert!(Autosave::open(folder).left.is_empty());
     }
@@ -330,10 +347,10 @@ mod tests {
         autosave.put_aside(session("a2")).unwrap();
         autosave.put_aside(session("b")).unwrap();
         autosave.keep(0.0, 1, &session("c"), &ctx).unwrap();
-        assert!(!autosave.recall(Path::new("/data/c")));
-        assert!(autosave.recall(Path::new("/data/a2")));
-        assert_eq!(autosave.restore(), Some(session("a2")));
-        autosave.discard();
+        assert!(autosave.recall(Path::new("/data/c")).is_none());
+        assert!(autosave.recall(Path::new("/data/a2")).is_some());
+        assert_eq!(restore(&mut autosave), session("a2"));
+        autosave.discard(autosave.left[0].id);
         assert!(autosave.left.is_empty());
         autosave.put_aside(session("d")).unwrap();
         drop(autosave);
@@ -346,7 +363,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
         std::fs::write(&folder, "no folder").unwrap();
         assert!(autosave.put_aside(session("e")).is_err());
-        assert_eq!(autosave.restore(), Some(session("e")), "in memory");
+        assert_eq!(restore(&mut autosave), session("e"), "in memory");
     }
 
     #[test]
@@ -418,7 +435,7 @@ mod tests {
         );
         assert!(autosave.put_aside(session("b")).is_err());
         std::fs::remove_file(&folder).unwrap();
-        assert_eq!(autosave.restore(), Some(session("b")), "in memory");
+        assert_eq!(restore(&mut autosave), session("b"), "in memory");
         autosave.keep_now(&session("b")).unwrap();
         assert_eq!(Session::load(&folder.join("0.surgtpgs")).unwrap(), session("b"));
 
@@ -431,8 +448,7 @@ mod tests {
         assert!(full.contains("128 unsaved works") && full.contains("discard some"), "{full}");
         assert!(other.put_aside(session("c")).is_err());
         assert_eq!(other.left[0].session, session("c"));
-        assert!(other.recall(Path::new("/data/old")));
-        other.discard();
+        other.discard(other.left[1].id);
         other.keep_now(&session("d")).unwrap();
     }
 

@@ -1,6 +1,10 @@
 //! The session file of the window, and sessions that are about to be applied or saved.
 
-use crate::viewer::state::{autosave::Autosave, content::Content, session::Session};
+use crate::viewer::state::{
+    autosave::{Autosave, LeftId},
+    content::Content,
+    session::Session,
+};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 use surgtpgs_core::overlay::OverlayLook;
@@ -8,13 +12,26 @@ use surgtpgs_core::overlay::OverlayLook;
 /// Session file, autosave, and the session that is being applied or saved.
 pub(crate) struct Saving {
     pub(crate) saved: Saved,
-    /// Session to apply once its scene or recording is open, and the session's file.
-    pub(crate) to_apply: Option<(Session, Option<PathBuf>)>,
+    pub(crate) to_apply: Option<ToApply>,
     pub(crate) autosave: Autosave,
     /// Style of the overlay and width of the panel, as the preferences were saved last.
     pub(crate) kept_look: Option<(OverlayLook, f32)>,
     /// `true` if the offer to restore unsaved work is put off, at most until the next start.
     pub(crate) is_recovery_put_off: bool,
+}
+
+/// A session to apply once its scene or recording is open.
+pub(crate) struct ToApply {
+    pub(crate) session: Session,
+    pub(crate) origin: Origin,
+}
+
+/// Origin of a session.
+pub(crate) enum Origin {
+    /// A file that the user saved.
+    File(PathBuf),
+    /// Work that was left unsaved. It stays there until it is applied.
+    Left(LeftId),
 }
 
 /// File of the session, and its saved content.

@@ -1,9 +1,12 @@
 //! Tests of the overlay: opacity, instruments, cleaned masks.
 
 use super::*;
-use crate::viewer::picture::{
-    copy::{Shown, copy},
-    request::Pane,
+use crate::viewer::{
+    picture::{
+        copy::{Shown, copy},
+        request::Pane,
+    },
+    state::saving::Origin,
 };
 use egui::Color32;
 use surgtpgs_core::{mask::CleanUp, overlay::OverlayStyle, palette::Palette};
@@ -173,7 +176,8 @@ fn masks_are_cleaned_up_from_the_beginning_and_sessions_keep_what_was_chosen() {
     let mut window = Window::on(Info { width: 854, height: 480, ..scene() });
     assert!(!window.harness.state().shared.is_unsaved(), "what is usual need not be saved");
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().shared.open_session(session, None, &ctx);
+    let origin = Origin::File("/data/clip.surgtpgs".into());
+    window.harness.state_mut().shared.open_session(session, origin, &ctx);
     window.until(|app| app.document.content().clean_up.is_off() && !app.document.prompts().is_empty());
 }
 

@@ -1,7 +1,10 @@
 //! Tests of sessions, undo, recovery and bookmarks.
 
 use super::*;
-use crate::viewer::state::{content::Content, session::Session};
+use crate::viewer::state::{
+    content::{Bookmark, Content},
+    session::Session,
+};
 
 /// Opens a window on the scene of the tests that keeps its work in `folder`.
 fn keeping(folder: &Path) -> Window {
@@ -157,6 +160,89 @@ fn what_was_left_can_be_discarded_or_put_off() {
     window.click("Discard");
     assert!(!window.shows("Your last work was not saved"));
     assert!(!folder.path().join("0.surgtpgs").exists());
+}
+
+/// Returns a session of a recording, with a number of bookmarks.
+fn bookmarked(opened: &str, count: usize) -> Session {
+    let bookmark = |frame| Bookmark { frame, ..Bookmark::default() };
+    let content = Content { bookmarks: (0..count).map(bookmark).collect(), ..Content::default() };
+    Session { content, ..Session::new(opened.into()) }
+}
+
+#[test]
+fn work_whose_recording_is_gone_is_kept_until_it_is_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let kept = folder.path().join("0.surgtpgs");
+    bookmarked("/no/such", 2).save(&kept).unwrap();
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    window.click("Restore");
+    window.until(|app| app.problem.is_some());
+    assert!(window.shows("there is no such file") && window.shows("put the recording back"));
+    assert!(window.shows("such: 0 prompts, 2 bookmarks"), "it is still offered");
+    // Neither what is opened instead nor unsaved work on that takes its place.
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    assert_eq!(Session::load(&kept).unwrap().content.bookmarks.len(), 2);
+    window.press(Key::M);
+    window.until(|_| folder.path().join("1.surgtpgs").exists());
+    window.harness.state_mut().shared.saving.is_recovery_put_off = false;
+    (0..2).for_each(|_| window.harness.step());
+    window.click("Restore");
+    window.until(|app| app.problem.is_some());
+    assert!(!window.shows("Your last work was not saved"), "not at once again");
+    assert_eq!(window.harness.state().shared.document.bookmarks().len(), 1, "what was open stays");
+    drop(window);
+    let left = Autosave::open(Some(folder.path().to_owned())).left;
+    let mut counts: Vec<_> = left.iter().map(|left| left.session.content.bookmarks.len()).collect();
+    counts.sort_unstable();
+    assert_eq!(counts, [1, 2]);
+}
+
+#[test]
+fn each_of_several_works_on_one_recording_can_be_restored_or_discarded() {
+    let folder = tempfile::tempdir().unwrap();
+    for count in 1..=3 {
+        let file = folder.path().join(format!("{count}.surgtpgs"));
+        bookmarked("/data/clip.safetensors", count).save(&file).unwrap();
+    }
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    let count = |window: &Window, row: usize| {
+        window.harness.state().shared.saving.autosave.left[row].session.content.bookmarks.len()
+    };
+    let click = |window: &mut Window, label: &str, row: usize| {
+        window.harness.get_all_by_label(label).nth(row).unwrap().click();
+        (0..3).for_each(|_| window.harness.step());
+    };
+    let (discarded, restored) = (count(&window, 1), count(&window, 2));
+    click(&mut window, "Discard", 1);
+    assert!(!folder.path().join(format!("{discarded}.surgtpgs")).exists());
+    click(&mut window, "Restore", 1);
+    window.until(|app| app.picture().is_some() && app.saving.to_apply.is_none());
+    assert_eq!(window.harness.state().shared.document.bookmarks().len(), restored);
+    assert_eq!(window.harness.state().shared.saving.autosave.left.len(), 1);
+}
+
+#[test]
+fn unsaved_work_is_not_replaced_by_earlier_work_on_its_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = keeping(folder.path());
+    let (clip, again) = (Path::new("/data/clip.safetensors"), Path::new("/data/again.safetensors"));
+    open(&mut window, clip);
+    window.press(Key::M);
+    open(&mut window, Path::new("/elsewhere/other.safetensors"));
+    // Another file of the same recording.
+    open(&mut window, again);
+    review(&mut window);
+    let before = window.harness.state().shared.session().unwrap();
+    open(&mut window, clip);
+    let after = window.harness.state().shared.session().unwrap();
+    assert!(after.content.is_alike(&before.content));
+    window.until_shown("Your last work was not saved");
+    window.click("Restore");
+    window.until(|app| app.saving.to_apply.is_none() && app.document.prompts().is_empty());
+    let left = &window.harness.state().shared.saving.autosave.left;
+    assert!(left[0].session.content.is_alike(&before.content), "it is put aside in turn");
 }
 
 #[test]

@@ -9,8 +9,14 @@ use crate::viewer::{
     picture::open::Open,
     shared::{Shared, Viewport},
     state::{
-        content::Look, marking::Marking, opening::Underway, playback::Playback, reconstruction::ImportCheck,
-        saving::Saved, session::Session, view_mode::ViewMode,
+        content::Look,
+        marking::Marking,
+        opening::Underway,
+        playback::Playback,
+        reconstruction::ImportCheck,
+        saving::{Origin, Saved, ToApply},
+        session::Session,
+        view_mode::ViewMode,
     },
 };
 use egui::{Context, Event};
@@ -29,7 +35,7 @@ impl Shared {
         if Session::is_file(path) {
             let session = Session::load(path);
             if let Some(session) = self.settle(session) {
-                self.open_session(session, Some(path.to_owned()), ctx);
+                self.open_session(session, Origin::File(path.to_owned()), ctx);
             }
             return;
         }
@@ -103,7 +109,7 @@ impl Shared {
                     self.show_source(source, ctx);
                     self.begin_with(&underway.path, ctx);
                 }
-                None => self.saving.to_apply = None,
+                None => self.drop_session(),
             }
         }
         if let Some(check) = &mut self.reconstruction.check {
@@ -165,16 +171,11 @@ impl Shared {
 
     /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
     fn begin_with(&mut self, path: &Path, ctx: &Context) {
-        let session_file = self.saving.to_apply.as_ref().and_then(|(_, file)| file.clone());
-        self.preferences.remember(session_file.as_deref().unwrap_or(path));
-        let mut is_back = false;
-        if self.saving.to_apply.is_none() && self.saving.autosave.recall(path) {
-            match self.saving.autosave.restore_own() {
-                Some(session) => self.saving.to_apply = Some((session, None)),
-                None => self.saving.is_recovery_put_off = false,
-            }
-            is_back = self.saving.to_apply.is_some();
-        }
+        self.preferences.remember(match &self.saving.to_apply {
+            Some(ToApply { origin: Origin::File(file), .. }) => file,
+            _ => path,
+        });
+        let is_back = self.saving.to_apply.is_none() && self.bring_back(path);
         self.apply_session(0.0);
         if is_back {
             self.say("Your work on this recording is back", None, ctx.input(|i| i.time));

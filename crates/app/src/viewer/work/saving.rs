@@ -4,14 +4,15 @@ use crate::viewer::{
     backend::paths::{PathAsk, PathKind, free_path},
     shared::Shared,
     state::{
+        autosave::LeftId,
         content::Content,
         marks::canvas,
-        saving::Saved,
+        saving::{Origin, Saved, ToApply},
         session::{self, Display, Session, Time},
     },
 };
 use egui::Context;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 impl Shared {
     /// Returns the session of the present state; `None` while nothing is open.
@@ -40,16 +41,56 @@ impl Shared {
     }
 
     /// Opens the scene or recording of a session; the session itself is applied once that is open.
-    pub(crate) fn open_session(&mut self, session: Session, file: Option<PathBuf>, ctx: &Context) {
+    pub(crate) fn open_session(&mut self, session: Session, origin: Origin, ctx: &Context) {
         let opened = session.opened.clone();
         self.open_path(&opened, ctx);
-        self.saving.to_apply = Some((session, file));
+        self.saving.to_apply = Some(ToApply { session, origin });
+    }
+
+    /// Opens what unsaved work is about, to restore it.
+    pub(crate) fn restore(&mut self, id: LeftId, ctx: &Context) {
+        if let Some(session) = self.saving.autosave.left(id).map(|left| left.session.clone()) {
+            self.open_session(session, Origin::Left(id), ctx);
+        }
+    }
+
+    /// Gives up the session to apply, because what it is about cannot be opened. Unsaved work stays kept.
+    pub(crate) fn drop_session(&mut self) {
+        if let Some(ToApply { origin: Origin::Left(_), .. }) = self.saving.to_apply.take() {
+            let why = self.problem.take().unwrap_or_default();
+            let hint = "Your work is still kept: put the recording back where it was, then restore it.";
+            self.problem = Some(format!("{why} {hint}"));
+            // It would be offered at once, and could not be restored.
+            self.saving.is_recovery_put_off = true;
+        }
+    }
+
+    /// Takes the work on `path` that this window put aside, to apply it; returns `false` if there is none. Work
+    /// of another window is offered, and so is what would replace unsaved work.
+    pub(crate) fn bring_back(&mut self, path: &Path) -> bool {
+        let is_free = !self.is_unsaved();
+        let Some(left) = self.saving.autosave.recall(path) else { return false };
+        let brings = left.is_own && is_free;
+        if brings {
+            let (session, origin) = (left.session.clone(), Origin::Left(left.id));
+            self.saving.to_apply = Some(ToApply { session, origin });
+        } else {
+            self.saving.is_recovery_put_off = false;
+        }
+        brings
     }
 
     /// Applies a session whose scene or recording has just been opened.
     pub(crate) fn apply_session(&mut self, now: f64) {
-        let Some((session, file)) = self.saving.to_apply.take() else { return };
+        let Some(ToApply { session, origin }) = self.saving.to_apply.take() else { return };
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
+        let file = match origin {
+            Origin::File(file) => Some(file),
+            Origin::Left(id) => {
+                self.saving.autosave.adopt(id);
+                None
+            }
+        };
         let Session { content, display, time, earlier_prompts, unknown, recording, .. } = session;
         if let (Some(then), Some(now)) = (&recording, &info.frames_sha256)
             && then != now
