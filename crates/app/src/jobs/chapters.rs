@@ -546,6 +546,29 @@ mod tests {
     }
 
     #[test]
+    fn a_stop_before_a_chapter_begins_and_damage_to_one_cost_no_other() {
+        let mut here = Place::new();
+        let pictures = here.folder.path().join("recording/images");
+        here.material = Material::open(&pictures).unwrap();
+        let scene = here.folder.path().join("a.safetensors");
+        let course = here.course(&scene, true);
+        let mut begun = 0;
+        let mut stop = |p: &Progress<'_>| {
+            begun += usize::from(p.stage == "following points" && p.done == 0);
+            if begun == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let part = course.train(&mut stop, &mut |_, _| {}).unwrap();
+        assert_eq!((part.steps, part.scene.chapters.iter().len()), (STEPS, 1));
+        std::fs::write(here.folder.path().join("a.chapter-0001.unfinished"), b"SurgTPGS train A, and so on")
+            .unwrap();
+        let whole = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+        assert_eq!((whole.steps, whole.steps_kept), (3 * STEPS, STEPS));
+        let says =
+            whole.notes.iter().any(|note| note.starts_with("Chapter 2 of 3: what was kept of it is damaged"));
+        assert!(says, "{:?}", whole.notes);
+    }
+
+    #[test]
     fn chapters_of_another_training_are_not_joined() {
         let here = Place::new();
         let scene = here.folder.path().join("a.safetensors");
