@@ -1,7 +1,7 @@
 //! Text of any origin, made fit to be shown: names of files may hold characters that turn lines
 //! round or cannot be seen.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, io::Write as _};
 
 /// Turns characters that cannot be seen into escapes such as `\u{202e}`; ends of lines and tabs stay.
 pub(crate) fn visible(text: &str) -> Cow<'_, str> {
@@ -13,6 +13,13 @@ pub(crate) fn in_json(json: &str) -> Cow<'_, str> {
     replaced(json, |c, out| {
         c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| out.push_str(&format!("\\u{unit:04x}")));
     })
+}
+
+/// Writes a line to standard error.
+pub fn say(line: &str) {
+    // Names of files may hold ends of lines.
+    let line = visible(line).replace('\n', "\\n");
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// Makes a message one line, without anything that a terminal would obey. Messages from libraries may have

@@ -12,6 +12,7 @@ use std::{
 };
 use surgtpgs_core::{Error, Result, sequence::remove_unpacked_videos};
 
+pub use crate::text::say;
 use crate::{
     jobs::Progress,
     text::{in_json, visible},
@@ -44,13 +45,6 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
 /// Writes a report to standard output: as JSON, or as text for people.
 pub fn print_report(report: &impl serde::Serialize, text: &str, is_json: bool) -> Result<()> {
     if is_json { print_json(report) } else { print(text) }
-}
-
-/// Writes a line to standard error.
-pub fn say(line: &str) {
-    // Names of files may hold ends of lines.
-    let line = visible(line).replace('\n', "\\n");
-    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// Time between two lines about one stage, where there is no terminal.

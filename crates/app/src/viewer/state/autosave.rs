@@ -118,7 +118,10 @@ impl Autosave {
                     left.push(Left { id, session, place, is_own: false, is_kept: true });
                 }
                 Err(_) => {
-                    eprintln!("what was left unsaved cannot be read ({})", place.file.display());
+                    crate::text::say(&format!(
+                        "what was left unsaved cannot be read ({})",
+                        place.file.display()
+                    ));
                 }
             }
         }
@@ -293,7 +296,7 @@ fn remove(file: &Path) {
     if let Err(e) = std::fs::remove_file(file)
         && e.kind() != std::io::ErrorKind::NotFound
     {
-        eprintln!("what was kept could not be removed: {e} ({})", file.display());
+        crate::text::say(&format!("what was kept could not be removed: {e} ({})", file.display()));
     }
 }
 

@@ -93,7 +93,7 @@ impl Preferences {
         let text = serde_json::to_string_pretty(self).map_err(|e| e.to_string());
         let written = text.and_then(|text| write_whole(file, text.as_bytes()).map_err(|e| e.to_string()));
         if let Err(e) = written {
-            eprintln!("the preferences could not be saved: {e}");
+            crate::text::say(&format!("the preferences could not be saved: {e}"));
         }
     }
 

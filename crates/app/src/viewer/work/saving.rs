@@ -195,7 +195,7 @@ impl Shared {
             && let Err(e) = self.saving.autosave.keep_now(&session)
         {
             // The window is gone: this is the last place that anybody may look at.
-            eprintln!("the work could not be kept: {e}");
+            crate::text::say(&format!("the work could not be kept: {e}"));
         }
     }
 
