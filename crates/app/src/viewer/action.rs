@@ -106,9 +106,11 @@ impl Shared {
     fn edit(&mut self, change: Box<dyn FnOnce(&mut Document)>, now: f64) {
         let count = |d: &Document| (d.prompts().len(), d.bookmarks().len(), d.marks().all().len());
         let (before, revision) = (count(&self.document), self.document.revision());
+        let phases = self.document.phases().to_vec();
         change(&mut self.document);
         let after = count(&self.document);
-        if after.0 < before.0 || after.1 < before.1 || after.2 < before.2 {
+        let is_less = after.0 < before.0 || after.1 < before.1 || after.2 < before.2;
+        if is_less || self.document.lacks_phase_of(&phases) {
             self.say_edit_since(revision, now);
         }
     }

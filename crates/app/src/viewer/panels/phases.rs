@@ -11,7 +11,10 @@ use crate::viewer::{
     theme,
 };
 use egui::{Context, DragValue, Popup, RichText, ScrollArea, TextEdit, Ui};
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 use surgtpgs_core::{files::write_whole, reading::read_text};
 
 /// The dialog, with what is typed into it.
@@ -93,22 +96,26 @@ fn add_ui(ui: &mut Ui, asked: &mut Asked, (from, to): (usize, usize), actions: &
 }
 
 fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    if shared.document.phases().is_empty() {
+    let phases = shared.document.phases();
+    if phases.is_empty() {
         ui.label(RichText::new("None yet.").color(theme::TEXT_WEAK));
     }
-    let last = shared.playback.num_frames();
-    for (index, phase) in shared.document.phases().iter().enumerate() {
+    for (index, phase) in phases.iter().enumerate() {
         ui.horizontal_wrapped(|ui| {
             let mut changed = phase.clone();
             let field = ui.add(TextEdit::singleline(&mut changed.name).desired_width(220.0));
             field.ctx.accesskit_node_builder(field.id, |node| {
                 node.set_label(format!("Name of phase {}", index + 1))
             });
-            // Frames are shown from 1 and stored from 0.
+            // Frames are shown from 1 and stored from 0. Half a number must not take frames from a neighbour.
             let (mut first, mut end) = (phase.first + 1, phase.last + 1);
-            ui.add(DragValue::new(&mut first).range(1..=end)).on_hover_text("First frame");
+            let lowest = index.checked_sub(1).map_or(1, |before| phases[before].last + 2);
+            let highest = phases.get(index + 1).map_or(shared.playback.num_frames(), |next| next.first);
+            let tip = "First frame, after the last one of the phase before";
+            frame_ui(ui, &mut first, lowest..=end, &format!("First frame of phase {}", index + 1), tip);
             ui.label("to");
-            ui.add(DragValue::new(&mut end).range(first..=last)).on_hover_text("Last frame");
+            let tip = "Last frame, before the first one of the next phase";
+            frame_ui(ui, &mut end, first..=highest, &format!("Last frame of phase {}", index + 1), tip);
             (changed.first, changed.last) = (first - 1, end - 1);
             if changed != *phase {
                 actions.push(Action::edit(move |d| d.change_phase(index, changed)));
@@ -127,6 +134,12 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             }
         });
     }
+}
+
+/// Shows a field for the number of a frame, which counts once it is typed whole.
+fn frame_ui(ui: &mut Ui, frame: &mut usize, range: RangeInclusive<usize>, name: &str, tip: &str) {
+    let field = ui.add(DragValue::new(frame).range(range).update_while_editing(false)).on_hover_text(tip);
+    field.ctx.accesskit_node_builder(field.id, |node| node.set_label(name));
 }
 
 fn files_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, actions: &mut Vec<Action>) {

@@ -47,7 +47,11 @@ impl Document {
     /// Adds a phase; others make way. A phase without a name is none.
     pub(crate) fn add_phase(&mut self, phase: Phase) {
         if !phase.name.is_empty() && phase.first <= phase.last {
-            let name = format!("the phase \"{}\"", phase.name);
+            let is_gone = |p: &&Phase| phase.first <= p.first && p.last <= phase.last;
+            let gone = self.phases().iter().filter(is_gone).map(|p| format!("\"{}\"", p.name));
+            let gone = gone.collect::<Vec<_>>().join(", ");
+            let place = if gone.is_empty() { gone } else { format!(" in place of {gone}") };
+            let name = format!("the phase \"{}\"{place}", phase.name);
             self.edit(name, None, |content| content.phases = with(&content.phases, phase));
         }
     }
@@ -69,6 +73,15 @@ impl Document {
         let Some(phase) = self.phases().get(index) else { return };
         let name = format!("deleting the phase \"{}\"", phase.name);
         self.edit(name, None, |content| drop(content.phases.remove(index)));
+    }
+
+    /// Returns `true` if one of the phases that there were `before` is gone. Other words or frames do not count.
+    pub(crate) fn lacks_phase_of(&self, before: &[Phase]) -> bool {
+        let is_there = |p: &Phase| {
+            let is_same = |q: &Phase| q.name == p.name || (q.first, q.last) == (p.first, p.last);
+            self.phases().iter().any(is_same)
+        };
+        self.phases().len() < before.len() || !before.iter().all(is_there)
     }
 
     /// Replaces all phases by those of a file.
@@ -221,7 +234,18 @@ mod tests {
         );
         document.undo();
         assert_eq!(spans(document.phases()), expected);
+        let before = document.phases().to_vec();
+        for changed in [Phase::new("Blood", 5, 12), Phase::new("Bleeding", 6, 11)] {
+            document.change_phase(1, changed);
+            assert!(!document.lacks_phase_of(&before), "changed, not gone");
+            document.undo();
+        }
+        document.add_phase(Phase::new("Cleaning", 5, 13));
+        assert!(document.lacks_phase_of(&before) && document.phases().len() == before.len());
+        assert_eq!(document.undo_name(), Some("the phase \"Cleaning\" in place of \"Bleeding\""));
+        document.undo();
         document.remove_phase(0);
+        assert!(document.lacks_phase_of(&before));
         document.add_phase(Phase::new("  ", 0, 4));
         document.add_phase(Phase::new("backwards", 4, 0));
         assert_eq!(document.phases().len(), 3);

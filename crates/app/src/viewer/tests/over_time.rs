@@ -1,7 +1,7 @@
 //! Tests of areas over time, and of the ways to move through them.
 
 use super::*;
-use crate::viewer::command::Command;
+use crate::viewer::{command::Command, state::phases::Phase};
 
 /// Opens a window with one prompt that is found on frames 10 to 20, most of it on frame 15.
 fn counted() -> Window {
@@ -260,6 +260,34 @@ fn phases_are_named_kept_with_the_session_and_read_back() {
     let session = window.harness.state().shared.session().unwrap();
     let text = serde_json::to_string(&session).unwrap();
     assert!(text.contains(r#""phases":[{"name":"Preparation","first":3,"last":12}]"#), "{text}");
+}
+
+#[test]
+fn a_half_typed_frame_of_a_phase_takes_nothing_from_its_neighbours() {
+    let mut window = Window::on(scene());
+    let document = &mut window.harness.state_mut().shared.document;
+    document.add_phase(Phase::new("Preparation", 0, 9));
+    document.add_phase(Phase::new("Dissection", 10, 23));
+    let phases = |window: &Window| -> Vec<(usize, usize)> {
+        window.harness.state().shared.document.phases().iter().map(|p| (p.first, p.last)).collect()
+    };
+    window.press_with(Modifiers::SHIFT, Key::P);
+    window.harness.step();
+    for (typed, expected) in [("15", 14), ("1", 10)] {
+        window.harness.get_by_label("First frame of phase 2").focus();
+        (0..2).for_each(|_| window.harness.step());
+        window.press_with(Modifiers::COMMAND, Key::A);
+        for letter in typed.chars() {
+            window.harness.event(egui::Event::Text(letter.into()));
+            window.harness.step();
+            assert_eq!(phases(&window)[0], (0, 9), "after {letter}");
+        }
+        window.press(Key::Enter);
+        window.harness.step();
+        assert_eq!(phases(&window), [(0, 9), (expected, 23)]);
+    }
+    window.click("Delete the phase Preparation");
+    assert!(window.shows("Deleting the phase \"Preparation\""));
 }
 
 #[test]
