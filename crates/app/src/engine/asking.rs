@@ -112,8 +112,12 @@ impl Asking {
         &self.classes
     }
 
-    pub(super) fn encoder(&self) -> Option<&EncoderIdentity> {
-        self.encoder.as_ref().map(TextEncoder::identity)
+    /// Returns the text encoder in use, or that of the scene as long as no words needed one.
+    pub(super) fn encoder(&mut self, scene: &Scene) -> Result<EncoderIdentity> {
+        match self.encoder.as_ref().map(TextEncoder::identity).or(scene.encoder.as_ref()) {
+            Some(known) => Ok(known.clone()),
+            None => Ok(self.open_encoder(scene)?.identity().clone()),
+        }
     }
 
     /// Sets the questions, see [`super::Engine::set_questions`].

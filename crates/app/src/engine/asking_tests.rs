@@ -1,9 +1,11 @@
 //! Tests of the answers to prompts, on a scene whose Gaussians each show one class.
 
 use super::*;
+use crate::jobs::{self, ExportQuestion, ExportRequest};
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     codec::{Codec, CodecKind, CodecSettings},
+    export::{ExportOptions, Format, PictureSource},
     gaussian::Gaussians,
     progress::unobserved,
     sequence::Class,
@@ -136,6 +138,44 @@ fn the_paper_asks_by_the_words_themselves() {
     let (answer, mask) = ask(&mut engine, "gallbladder");
     assert!(answer.may_be_found(0.99) && mask.count() > 20);
     assert_eq!(engine.queries()[0].compared_with().collect::<Vec<_>>(), RelevancySettings::CANONICAL);
+}
+
+#[test]
+fn a_sample_alone_is_exported() {
+    let mut engine = engine(&NAMES, &[]);
+    let (class, row) = engine.scene().classes[1].clone();
+    assert_eq!(class.name, "liver");
+    let sha256 = engine.scene().encoder.as_ref().unwrap().sha256.clone();
+    let sample = Sample { embedding: row, encoder_sha256: sha256.clone() };
+    let words = Question::words("like frame 1", Negatives::of(engine.settings()));
+    let question = Question { like: Some(sample), ..words };
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.safetensors");
+    std::fs::write(&scene, "its hash is recorded").unwrap();
+    let mut request = ExportRequest {
+        scene,
+        folder: folder.path().join("out"),
+        frames: vec![0],
+        questions: ExportQuestion::with_standard_look(vec![question], 0.5),
+        marks: Vec::new(),
+        options: ExportOptions {
+            formats: vec![Format::Binary],
+            source: PictureSource::Reconstruction,
+            ..ExportOptions::default()
+        },
+        replace: false,
+        completes_same: false,
+    };
+    assert!(jobs::export(&mut engine, &request, &mut unobserved).unwrap().complete);
+    let record = std::fs::read_to_string(request.folder.join("provenance.json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+    assert_eq!(
+        (&record["encoder_sha256"], &record["prompts"][0]["text"]),
+        (&sha256.into(), &"like frame 1".into())
+    );
+    request.questions.clear();
+    let why = jobs::export(&mut engine, &request, &mut unobserved).unwrap_err().to_string();
+    assert!(why.contains("no prompt to export"), "{why}");
 }
 
 /// Returns still Gaussians as a `.ply` with LangSplat's columns of features, which are `times` as long.

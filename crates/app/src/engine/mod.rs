@@ -295,9 +295,9 @@ impl Engine {
         self.relevancy.as_ref().map_or("none", |r| r.name())
     }
 
-    /// Returns the text encoder in use; `None` before the first prompt.
-    pub fn encoder_identity(&self) -> Option<&EncoderIdentity> {
-        self.asking.encoder()
+    /// Returns the text encoder that the scene is asked with. It is opened only if the scene does not name it.
+    pub fn encoder_identity(&mut self) -> Result<EncoderIdentity> {
+        self.asking.encoder(&self.scene)
     }
 
     /// Returns the view of frame `i` as it was recorded; frames past the end give the last one.

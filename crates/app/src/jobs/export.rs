@@ -135,12 +135,13 @@ struct Chosen {
 impl Chosen {
     /// Asks the engine, and chooses.
     fn of(engine: &mut Engine, request: &ExportRequest) -> Result<Self> {
+        if request.questions.is_empty() {
+            return Err(Error::input("there is no prompt to export", "Give at least one."));
+        }
         let questions: Vec<Question> = request.questions.iter().map(|q| q.question.clone()).collect();
         engine.set_questions(&questions)?;
-        let encoder = engine
-            .encoder_identity()
-            .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
-        let mut chosen = Self { encoder: encoder.clone(), written: Vec::new(), left_out: Vec::new() };
+        let encoder = engine.encoder_identity()?;
+        let mut chosen = Self { encoder, written: Vec::new(), left_out: Vec::new() };
         for (asked, answer) in request.questions.iter().zip(engine.answers()) {
             let words = asked.question.text.trim().to_owned();
             let is_nearest = asked.question.shows_nearest || request.options.nearest;
