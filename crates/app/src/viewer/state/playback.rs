@@ -8,6 +8,9 @@ pub(crate) const ASSUMED_FPS: f64 = 25.0;
 
 /// Time without a repaint, seconds, after which rounds that were missed are not walked through.
 const LONG_AGO_S: f64 = 60.0;
+/// Shortest time that a frame is shown at the recording's speed, seconds: a recording may give several frames
+/// the same time.
+const SHORTEST_SHOWN_S: f64 = 1e-3;
 /// Number of frames of the long step.
 pub(crate) const HOP: isize = 10;
 /// Speeds that the keys step through, as multiples of the recording's speed.
@@ -81,7 +84,8 @@ impl Playback {
 
     /// Returns the seconds for which `frame` is shown at the present speed.
     fn shown_for(&self, frame: usize) -> f64 {
-        shown_for(frame, &self.frame_seconds).unwrap_or(1.0 / self.fps) / self.speed.abs()
+        let lasts = shown_for(frame, &self.frame_seconds).unwrap_or(1.0 / self.fps);
+        lasts.max(SHORTEST_SHOWN_S) / self.speed.abs()
     }
 
     /// Moves to the frame that is due at `now`. If the machine is too slow, frames are skipped: playback
@@ -330,6 +334,20 @@ mod tests {
         clock.advance(1.70);
         assert_eq!((clock.frame(), clock.seconds_to_next(1.7).map(|s| (1e3 * s).round())), (1, Some(50.0)));
         assert_eq!(Playback::new(9, None).with_times(&times).seconds(5), 0.2, "of another recording");
+    }
+
+    #[test]
+    fn frames_of_one_time_are_played_one_after_the_other() {
+        let times: Arc<[f64]> = [0.0, 0.0, 0.0, 0.0, 0.1].into();
+        let mut clock = Playback::new(5, Some(10.0)).with_times(&times);
+        clock.set_range(Some((0, 2)));
+        clock.play(0.0);
+        clock.advance(0.0015);
+        assert_eq!(clock.frame(), 1);
+        clock.advance(0.0035);
+        assert_eq!(clock.frame(), 0);
+        clock.advance(1e6);
+        assert!(clock.is_playing() && clock.frame() <= 2);
     }
 
     #[test]
