@@ -56,9 +56,7 @@ fn rows(shared: &Shared, [u, v]: [f32; 2]) -> Vec<Row> {
 /// Returns `true` if everything that the point is compared with has an answer.
 fn is_complete(shared: &Shared) -> bool {
     let candidates = shared.candidates();
-    shared
-        .picture()
-        .is_some_and(|p| candidates.iter().all(|c| p.candidates.iter().any(|(text, _)| text == c)))
+    shared.picture().is_some_and(|p| candidates.iter().all(|c| p.request.candidates.contains(c)))
 }
 
 /// Shows the cross on every pane, and the card with the bars.

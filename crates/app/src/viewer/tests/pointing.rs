@@ -95,6 +95,29 @@ fn a_point_becomes_a_prompt_without_words_and_what_a_prompt_is_not() {
 }
 
 #[test]
+fn a_hidden_prompt_is_compared_as_it_is_asked() {
+    let mut window = Window::on(scene());
+    click_at(&mut window, [0.1, 0.5]);
+    window.until_picture(|p| p.sample.is_some());
+    window.click("More like this");
+    let document = &mut window.harness.state_mut().shared.document;
+    document.add("broken");
+    document.add("Liver");
+    document.add("spleen");
+    (0..4).for_each(|k| document.toggle_visible(k));
+    let id = document.selected.unwrap();
+    document.set_shows_nearest(id, true);
+    document.set_but_not(id, &["smoke".to_owned()]);
+    let asked: Vec<Question> = document.prompts().iter().map(|p| document.question(p)).collect();
+    assert!(asked[0].like.is_some());
+    window.until_picture(|p| p.request.candidates.starts_with(&asked));
+    let candidates = &window.harness.state().shared.picture().unwrap().request.candidates;
+    assert_eq!(candidates[4..].iter().map(|q| q.text.as_str()).collect::<Vec<_>>(), ["fat"]);
+    // What has no answer does not keep the others waiting.
+    assert!(window.shows("spleen 0.80 at this point") && !window.shows("Comparing…"));
+}
+
+#[test]
 fn where_nothing_was_reconstructed_there_is_nothing_to_look_for() {
     let mut window = Window::on(scene());
     click_at(&mut window, [0.5, 0.95]);

@@ -1,5 +1,6 @@
 //! The picture to request in the present state.
 
+use crate::engine::Question;
 use crate::viewer::{
     backend::{FrameView, orbit::Orbit},
     picture::request::{AskedPrompt, Request},
@@ -56,20 +57,17 @@ impl Shared {
         }
     }
 
-    /// Returns words whose scores are wanted besides those of the visible prompts while a point is probed.
-    pub(crate) fn candidates(&self) -> Vec<String> {
+    /// Returns questions whose scores are wanted besides those of the visible prompts while a point is probed:
+    /// hidden prompts, and classes that no prompt asks for.
+    pub(crate) fn candidates(&self) -> Vec<Question> {
         let Some(info) = self.info().filter(|i| i.has_features && self.viewport.probe.is_some()) else {
             return Vec::new();
         };
-        let hidden = self.document.prompts().iter().filter(|p| !p.is_visible).map(|p| &p.text);
-        let classes = info.example_prompts.iter().take(MAX_CANDIDATES);
-        let is_asked = |text: &&String| {
-            self.document.prompts().iter().any(|p| p.is_visible && p.text.eq_ignore_ascii_case(text))
-        };
-        let mut candidates: Vec<String> = hidden.chain(classes).filter(|t| !is_asked(t)).cloned().collect();
-        candidates.sort();
-        candidates.dedup_by(|a, b| a.eq_ignore_ascii_case(b));
-        candidates
+        let prompts = self.document.prompts();
+        let hidden = prompts.iter().filter(|p| !p.is_visible).map(|p| self.document.question(p));
+        let is_new = |class: &&String| !prompts.iter().any(|p| p.text.eq_ignore_ascii_case(class));
+        let classes = info.example_prompts.iter().take(MAX_CANDIDATES).filter(is_new);
+        hidden.chain(classes.map(|class| self.document.bare_question(class))).collect()
     }
 
     fn request(&self, is_peeking: bool) -> Option<Request> {
@@ -85,7 +83,7 @@ impl Shared {
             layer: mode.layer(),
             needs_difference: mode == ViewMode::Difference,
             prompts: if self.can_ask() { self.asked_prompts() } else { Vec::new() },
-            candidates: self.unmarked_words().iter().map(|text| self.document.bare_question(text)).collect(),
+            candidates: self.unmarked_questions(),
             look: self.document.overlay,
             clean_up: self.document.content().clean_up,
             point: self.viewport.probe.filter(|_| open.info.has_features),
@@ -94,14 +92,15 @@ impl Shared {
         })
     }
 
-    /// Returns the words whose scores are wanted without being drawn. If there are none and the prompt box
-    /// has the focus, an example word is returned, so that the text encoder and the features are ready at the
-    /// first letter.
-    fn unmarked_words(&self) -> Vec<String> {
-        let words = self.candidates();
-        let rehearses = words.is_empty() && self.prompt_box.is_focused;
+    /// Returns the questions whose scores are wanted without being drawn. If there are none and the prompt box
+    /// has the focus, that for an example word is returned, so that the text encoder and the features are ready
+    /// at the first letter.
+    fn unmarked_questions(&self) -> Vec<Question> {
+        let questions = self.candidates();
+        let rehearses = questions.is_empty() && self.prompt_box.is_focused;
         let info = self.info().filter(|i| rehearses && i.has_features);
-        info.map_or(words, |info| info.example_prompts.first().cloned().into_iter().collect())
+        let example = info.and_then(|info| info.example_prompts.first());
+        example.map_or(questions, |word| vec![self.document.bare_question(word)])
     }
 
     /// Returns the visible prompts and the one being typed.
