@@ -127,18 +127,20 @@ impl Document {
     pub(crate) fn add_mark(&mut self, mark: Mark) {
         let verb = if mark.add { "marking" } else { "marking what is not" };
         let name = format!("{verb} \"{}\" on frame {}", mark.name, mark.frame + 1);
-        self.add_marks(name, vec![mark]);
+        self.add_marks(|_| name, vec![mark]);
     }
 
-    /// Adds marks by one edit of this name, without those that are there already.
-    pub(crate) fn add_marks(&mut self, name: String, mut marks: Vec<Mark>) {
+    /// Adds marks without those that are there already, by one edit, which `name` names by their number. Returns
+    /// their number.
+    pub(crate) fn add_marks(&mut self, name: impl FnOnce(usize) -> String, mut marks: Vec<Mark>) -> usize {
         let mut on: HashMap<usize, Vec<&Mark>> = HashMap::new();
         for mark in self.marks().all() {
             on.entry(mark.frame).or_default().push(mark);
         }
         marks.retain(|mark| !on.get(&mark.frame).is_some_and(|there| there.contains(&mark)));
-        if marks.is_empty() {
-            return;
+        let count = marks.len();
+        if count == 0 {
+            return 0;
         }
         let list = self.marks().with(marks);
         let mut new: Vec<Prompt> = Vec::new();
@@ -150,10 +152,11 @@ impl Document {
             }
         }
         self.selected = new.last().map(|p| p.id).or(self.selected);
-        self.edit(name, None, |content| {
+        self.edit(name(count), None, |content| {
             content.marks = list;
             content.prompts.extend(new);
         });
+        count
     }
 
     /// Takes all marks of a frame away.
@@ -210,7 +213,7 @@ mod tests {
     #[test]
     fn deleting_a_marked_prompt_takes_its_marks_away() {
         let mut document = Document::new(OverlayLook::default(), 0.5);
-        document.add_marks("opening marks".into(), vec![click(0, "fat", true), click(1, "liver", true)]);
+        document.add_marks(|_| "opening marks".into(), vec![click(0, "fat", true), click(1, "liver", true)]);
         let colours: BTreeSet<[u8; 3]> = document.prompts().iter().map(|p| p.colour).collect();
         assert_eq!((document.prompts().len(), colours.len()), (2, 2), "each has a colour of its own");
         document.remove(document.prompts()[0].id);

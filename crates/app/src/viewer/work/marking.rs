@@ -121,9 +121,11 @@ impl Shared {
         // Something else may be open by now.
         let canvas = canvas(info);
         let marks: Vec<_> = marks.all().iter().filter(|mark| mark.fits(&canvas)).cloned().collect();
-        let name = format!("opening {} marks", marks.len());
+        let name = |count: usize| format!("opening {count} {}", if count == 1 { "mark" } else { "marks" });
         let revision = self.document.revision();
-        self.document.add_marks(name, marks);
-        self.say_edit_since(revision, now);
+        match self.document.add_marks(name, marks) {
+            0 => self.say("The file has no marks that are not there already", None, now),
+            _ => self.say_edit_since(revision, now),
+        }
     }
 }
