@@ -25,8 +25,9 @@ impl Measure {
     pub(crate) fn levels(&self, scores: &Grid<f32>) -> Levels {
         let Some((clean_up, hundredths)) = self.cleaned else { return Levels::of(scores) };
         let threshold = f32::from(hundredths) / 100.0;
-        let all = Levels::of(&clean_up.scores(scores, threshold));
-        Levels { above: Box::new([all.area_px(threshold) as u32; STEPS]), ..all }
+        let cleaned = clean_up.scores(scores, threshold);
+        let area = cleaned.data.iter().filter(|score| **score > threshold).count();
+        Levels { above: Box::new([area as u32]), num_px: cleaned.data.len() }
     }
 
     /// Returns the number of frames before and after a frame that its scores are smoothed over.
@@ -38,10 +39,10 @@ impl Measure {
 /// Number of possible thresholds, which are whole hundredths.
 const STEPS: usize = 101;
 
-/// Number of pixels of a frame above every possible threshold.
+/// Number of pixels of a frame above every possible threshold, or above the one that it was counted for.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Levels {
-    above: Box<[u32; STEPS]>,
+    above: Box<[u32]>,
     num_px: usize,
 }
 
@@ -64,7 +65,7 @@ impl Levels {
         };
         let mut counts = [0_u32; STEPS + 1];
         scores.data.iter().for_each(|score| counts[exceeded(*score)] += 1);
-        let mut above = Box::new([0; STEPS]);
+        let mut above: Box<[u32]> = Box::new([0; STEPS]);
         let mut sum = 0;
         for j in (0..STEPS).rev() {
             sum += counts[j + 1];
@@ -75,7 +76,7 @@ impl Levels {
 
     /// Returns the number of pixels above a threshold, which must be a whole number of hundredths.
     pub(crate) fn area_px(&self, threshold: f32) -> usize {
-        self.above[((threshold * 100.0).round() as usize).min(STEPS - 1)] as usize
+        self.above[((threshold * 100.0).round() as usize).min(self.above.len() - 1)] as usize
     }
 }
 
@@ -85,6 +86,8 @@ pub(crate) struct Measured {
     pub(crate) frame: usize,
     /// `None` where the prompt has no answer.
     pub(crate) prompts: Vec<(Measure, Option<Levels>)>,
+    /// Measures whose counts are not kept any longer.
+    pub(crate) forgotten: Vec<Measure>,
     /// Marks by hand that the prompts were answered with.
     pub(crate) marks: MarkList,
     /// Place where one more mark would help most; `None` without marks, and where the frame is marked.
@@ -100,6 +103,12 @@ const COARSER: usize = 8;
 /// Number of frames that are counted first at most: the curve of hours shall appear in seconds, and each of
 /// these frames has a chapter to be read.
 const FIRST_FRAMES: usize = 32;
+
+/// Number of counts that are kept of measures that are not asked for any longer: a prompt that is shown again
+/// has its curve at once.
+const KEPT_COUNTS: usize = 100_000;
+/// Smallest and largest number of such measures.
+const KEPT_MEASURES: [usize; 2] = [2, 32];
 
 /// Returns the distances of the frames that are counted one after the other.
 fn strides(num_frames: usize) -> Vec<usize> {
@@ -119,6 +128,8 @@ pub(crate) struct Counted {
     /// Frames in the order in which they are counted.
     order: Vec<usize>,
     prompts: HashMap<Measure, Done>,
+    /// Number of calls of [`Counted::forget`].
+    now: u64,
 }
 
 /// Frames counted for one prompt.
@@ -127,6 +138,8 @@ struct Done {
     frames: Vec<bool>,
     /// Number of frames in the order of counting before the first that is not counted.
     first_open: usize,
+    /// Value of [`Counted::now`] when it was asked for last.
+    asked: u64,
 }
 
 impl Counted {
@@ -137,7 +150,7 @@ impl Counted {
             let is_new = |frame: &usize| strides[..k].iter().all(|coarser| !frame.is_multiple_of(*coarser));
             order.extend((0..num_frames).step_by(*stride).filter(is_new));
         }
-        Self { order, prompts: HashMap::new() }
+        Self { order, prompts: HashMap::new(), now: 0 }
     }
 
     /// Returns the first frame that has not been counted for all of `prompts`, and the prompts that it lacks.
@@ -150,7 +163,7 @@ impl Counted {
 
     pub(crate) fn note(&mut self, measured: &Measured) {
         for (measure, _) in &measured.prompts {
-            let nothing = || Done { frames: vec![false; self.order.len()], first_open: 0 };
+            let nothing = || Done { frames: vec![false; self.order.len()], first_open: 0, asked: self.now };
             let done = self.prompts.entry(measure.clone()).or_insert_with(nothing);
             if let Some(frame) = done.frames.get_mut(measured.frame) {
                 *frame = true;
@@ -159,6 +172,25 @@ impl Counted {
                 done.first_open += 1;
             }
         }
+    }
+
+    /// Forgets and returns all but `prompts` and those that were asked last: a threshold that moves over masks
+    /// that are cleaned up leaves a measure at each of its values.
+    pub(crate) fn forget(&mut self, prompts: &[Measure]) -> Vec<Measure> {
+        self.now += 1;
+        for measure in prompts {
+            if let Some(done) = self.prompts.get_mut(measure) {
+                done.asked = self.now;
+            }
+        }
+        let [least, most] = KEPT_MEASURES;
+        let kept = (KEPT_COUNTS / self.order.len().max(1)).clamp(least, most);
+        let others = self.prompts.iter().filter(|(_, done)| done.asked < self.now);
+        let mut others: Vec<(u64, Measure)> = others.map(|(m, done)| (done.asked, m.clone())).collect();
+        others.sort_by_key(|(asked, _)| std::cmp::Reverse(*asked));
+        let forgotten: Vec<Measure> = others.into_iter().skip(kept).map(|(_, measure)| measure).collect();
+        forgotten.iter().for_each(|measure| drop(self.prompts.remove(measure)));
+        forgotten
     }
 }
 
@@ -184,6 +216,7 @@ impl Areas {
             (Err(place), Some(here)) => self.look_here.insert(place, here),
             (Err(_), None) => {}
         }
+        self.prompts.retain(|measure, _| !measured.forgotten.contains(measure));
         for (measure, levels) in measured.prompts {
             let frames = self.prompts.entry(measure).or_insert_with(|| vec![None; self.num_frames]);
             if let Some(place) = frames.get_mut(measured.frame) {
@@ -335,6 +368,7 @@ mod tests {
         Measured {
             frame,
             prompts: vec![(question("liver"), Some(levels))],
+            forgotten: Vec::new(),
             marks: MarkList::default(),
             look_here: None,
         }
@@ -410,8 +444,32 @@ mod tests {
         let clean_up = CleanUp { min_area_px: 2, ..Default::default() };
         let measure = Measure::new(question("liver").question, clean_up, 0.4);
         let scores = Grid::from_vec(5, 1, vec![0.9, 0.1, 0.9, 0.9, 0.1]);
-        assert_eq!(measure.levels(&scores).area_px(0.4), 2);
+        assert_eq!((measure.levels(&scores).area_px(0.4), measure.levels(&scores).above.len()), (2, 1));
         assert_eq!(question("liver").levels(&scores).area_px(0.4), 3);
+    }
+
+    #[test]
+    fn thresholds_that_were_passed_are_forgotten_but_for_the_last() {
+        let clean_up = CleanUp { min_area_px: 2, ..Default::default() };
+        let at = |step: u8| Measure::new(question("liver").question, clean_up, f32::from(step) / 100.0);
+        let num_frames = KEPT_COUNTS / 3;
+        let (mut counted, mut areas) = (Counted::new(num_frames), Areas::new(num_frames));
+        let always = question("fat");
+        for step in 0..9 {
+            let asked = [at(step), always.clone()];
+            let (frame, new) = counted.next(&asked).unwrap();
+            let levels = || Some(Levels::of(&Grid::from_vec(1, 1, vec![0.9])));
+            let prompts = new.into_iter().map(|measure| (measure, levels())).collect();
+            let mut counts = Measured { prompts, ..measured(frame, 0) };
+            counted.note(&counts);
+            counts.forgotten = counted.forget(&asked);
+            areas.take(counts);
+        }
+        let kept =
+            |measure: &Measure| (counted.prompts.contains_key(measure), areas.prompts.contains_key(measure));
+        assert!((0..5).all(|step| kept(&at(step)) == (false, false)));
+        assert!((5..9).all(|step| kept(&at(step)) == (true, true)) && kept(&always) == (true, true));
+        assert_eq!(counted.next(&[at(0)]), Some((0, vec![at(0)])), "counted anew");
     }
 
     #[test]

@@ -298,8 +298,12 @@ impl Pipeline {
         let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
         let marks = self.marks.clone();
         let look_here = if marks.is_empty() { None } else { self.source.look_here(frame).ok().flatten() };
-        let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect(), marks, look_here };
-        self.counted.as_mut()?.note(&measured);
+        let prompts_counted = new.into_iter().zip(levels).collect();
+        let mut measured =
+            Measured { frame, prompts: prompts_counted, forgotten: Vec::new(), marks, look_here };
+        let counted = self.counted.as_mut()?;
+        counted.note(&measured);
+        measured.forgotten = counted.forget(&prompts);
         Some(measured)
     }
 
