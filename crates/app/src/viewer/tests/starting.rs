@@ -159,10 +159,13 @@ fn the_start_page_is_one_command_away_and_loses_nothing() {
     let mut window = Window::on(scene());
     window.harness.state_mut().shared.saving.autosave = Autosave::open(Some(folder.path().to_owned()));
     window.add_prompt("liver");
+    window.press(Key::Space);
+    assert!(window.harness.state().shared.playback.is_playing());
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.run(Command::StartPage.into(), &ctx);
     (0..3).for_each(|_| window.harness.step());
-    assert!(window.harness.state().shared.open.is_none());
+    let app = &window.harness.state().shared;
+    assert!(app.open.is_none() && !app.playback.is_playing());
     assert!(window.shows("Open a video or a file…") && window.shows("clip: 1 prompt, 0 bookmarks"));
     window.click("Restore");
     window.until(|app| app.document.prompts().len() == 1);

@@ -192,6 +192,7 @@ impl Shared {
     /// Closes what is open and shows the start page. Unsaved work is kept, and offered there.
     pub(crate) fn close(&mut self, ctx: &Context) {
         self.put_unsaved_aside(false);
+        self.playback.pause();
         self.document.start_recording(CleanUp::default());
         self.saving.saved = Saved::default();
         (self.reconstruction.check, self.opening.marks) = (None, None);
