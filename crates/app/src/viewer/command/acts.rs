@@ -2,11 +2,12 @@
 
 use crate::viewer::{
     backend::paths::{PathAsk, PathKind},
+    command::Command,
     picture::areas::{self, Curve},
     shared::{Shared, Viewport},
     state::{time_scale::TimeScale, view_mode::ViewMode},
 };
-use egui::{Context, Rect, ViewportCommand, pos2};
+use egui::{Context, Order, Pos2, Rect, ViewportCommand, pos2};
 
 /// Extensions of files that can be opened.
 const OPENED: [&str; 9] = ["safetensors", "ply", "spz", "surgtpgs", "mp4", "mov", "mkv", "avi", "dcm"];
@@ -170,18 +171,32 @@ pub(super) fn copy_areas(shared: &mut Shared, ctx: &Context) {
     ctx.copy_text(areas::csv(rows, |frame| shared.playback.seconds(frame)));
 }
 
-/// Turns the view around the point under the pointer from now on.
+/// Turns the view around the point under the pointer from now on, or around the probed point if the pointer
+/// is not on the picture, such as in a menu.
 pub(super) fn centre_orbit(shared: &mut Shared, given: &Given<'_>) {
-    let pointer = given.ctx.input(|i| i.pointer.hover_pos());
-    if let Some(pivot) = pointer.and_then(|at| point_in_space(shared, at)) {
-        shared.document.look.orbit.pivot = Some(pivot);
-    }
+    let point = pointed_at(shared, given.ctx).or(shared.viewport.probe);
+    let said = match point.map(|point| point_in_space(shared, point)) {
+        Some(Some(pivot)) => {
+            shared.document.look.orbit.pivot = Some(pivot);
+            "The view turns around this point from now on".to_owned()
+        }
+        Some(None) => "No depth is known here: point at tissue in the endoscope's own view".to_owned(),
+        None => shared.with_keys("Point at the picture and press the key", Command::CentreOrbit),
+    };
+    shared.say(said, None, given.now);
 }
 
-/// Returns the point in space under a place on the screen, in the endoscope's axes; `None` where there is no
-/// recorded depth.
-fn point_in_space(shared: &Shared, at: egui::Pos2) -> Option<[f32; 3]> {
-    let [u, v] = shared.viewport.panes.picture_position(at)?;
+/// Returns the point of the picture under the pointer, as share of width and height; `None` where something
+/// lies over the picture.
+fn pointed_at(shared: &Shared, ctx: &Context) -> Option<[f32; 2]> {
+    let is_bare = |at: &Pos2| ctx.layer_id_at(*at).is_none_or(|layer| layer.order == Order::Background);
+    let at = ctx.input(|i| i.pointer.hover_pos()).filter(is_bare)?;
+    shared.viewport.panes.picture_position(at)
+}
+
+/// Returns the point in space that a point of the picture shows, in the endoscope's axes; `None` where there
+/// is no recorded depth.
+fn point_in_space(shared: &Shared, [u, v]: [f32; 2]) -> Option<[f32; 3]> {
     let (info, picture) = (shared.info()?, shared.picture()?);
     let (depth, lens) = (picture.depth_values.as_ref()?, info.lens?);
     let index = |share: f32, n: usize| ((share * n as f32) as usize).min(n.saturating_sub(1));

@@ -341,8 +341,8 @@ commands! {
         "How opaque the reconstruction is: where it is not, nothing was reconstructed",
         when has_reconstruction, act |s, _| switch(s, ViewMode::Opacity);
     CentreOrbit: View, Viewport, [key(Key::C)], "Turn around this point",
-        "Look around the point under the pointer from now on",
-        when is_open, act centre_orbit;
+        "Look around the point under the pointer, or the one whose scores are shown, from now on",
+        when has_reconstruction, act centre_orbit;
     Measure: View, Viewport, [key(Key::U)], "Ruler",
         "Measure on the picture: drag from one point to another",
         when is_open, act |s, _| {

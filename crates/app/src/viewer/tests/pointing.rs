@@ -208,16 +208,46 @@ fn a_turned_view_gives_pixels_only() {
 #[test]
 fn the_point_under_the_pointer_becomes_what_the_view_turns_around() {
     let mut window = Window::on(measurable());
+    let pivot = |window: &Window| window.harness.state().shared.document.look.orbit.pivot;
     window.press(Key::C);
-    assert_eq!(window.harness.state().shared.document.look.orbit.pivot, None, "the pointer is nowhere");
+    assert_eq!(pivot(&window), None, "the pointer is nowhere");
+    assert!(window.shows("Point at the picture and press the key (C)"));
     let at = on_screen(&window, [0.75, 0.5]);
     window.harness.hover_at(at);
     window.harness.step();
     window.press(Key::C);
-    let [x, y, z] = window.harness.state().shared.document.look.orbit.pivot.unwrap();
+    let [x, y, z] = pivot(&window).unwrap();
     // 8 px from the middle at 50 units with a focal length of 32 px
     assert!((x - 12.5).abs() < 0.01 && y.abs() < 0.01 && z == 50.0);
     assert!(window.harness.state().shared.document.look.orbit.is_home(), "nothing has turned yet");
+    assert!(window.shows("turns around this point from now on"));
+}
+
+#[test]
+fn in_the_menu_the_view_turns_around_the_point_that_was_clicked() {
+    let mut window = Window::on(Info { lens: None, ..measurable() });
+    // The menu lies over the picture.
+    window.harness.set_size(egui::vec2(900.0, 1400.0));
+    (0..3).for_each(|_| window.harness.step());
+    click_at(&mut window, [0.25, 0.5]);
+    let from_menu = |window: &mut Window| {
+        window.click("View");
+        let entry = window.harness.get_by_label_contains("Turn around this point").rect().center();
+        window.harness.hover_at(entry);
+        window.harness.step();
+        let panes = &window.harness.state().shared.viewport.panes;
+        assert!(panes.picture_position(entry).is_some(), "{entry} is not over {panes:?}");
+        window.harness.event(button(entry, true));
+        window.harness.step();
+        window.harness.event(button(entry, false));
+        (0..3).for_each(|_| window.harness.step());
+    };
+    from_menu(&mut window);
+    assert!(window.shows("No depth is known here"));
+    window.harness.state_mut().shared.open.as_mut().unwrap().info.lens = measurable().lens;
+    from_menu(&mut window);
+    let [x, y, z] = window.harness.state().shared.document.look.orbit.pivot.unwrap();
+    assert!((x + 12.5).abs() < 0.2 && y.abs() < 0.2 && z == 50.0, "{x} {y}");
 }
 
 #[test]
