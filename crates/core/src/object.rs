@@ -48,7 +48,9 @@ pub fn seen_area(found: &Mask, depth: &Grid<f32>, camera: &Camera) -> f64 {
         return 0.0;
     }
     let squared = |z: &f32| if z.is_finite() { f64::from(*z).powi(2) } else { 0.0 };
-    let sum: f64 = found.data.iter().zip(&depth.data).filter(|(f, _)| **f).map(|(_, z)| squared(z)).sum();
+    let squares = found.data.iter().zip(&depth.data).filter(|(f, _)| **f).map(|(_, z)| squared(z));
+    // The sum of nothing is -0.
+    let sum = squares.fold(0.0, |sum, z| sum + z);
     sum / (f64::from(camera.fx) * f64::from(camera.fy))
 }
 
@@ -97,5 +99,7 @@ mod tests {
         assert!((area - side * side).abs() < 1e-9);
         assert_eq!(seen_area(&found, &Grid::filled(64, 48, f32::NAN), &camera), 0.0);
         assert_eq!(seen_area(&found, &Grid::filled(2, 2, 1.0), &camera), 0.0);
+        let nothing = seen_area(&Mask::filled(64, 48, false), &Grid::filled(64, 48, 5.0), &camera);
+        assert!(nothing == 0.0 && nothing.is_sign_positive());
     }
 }

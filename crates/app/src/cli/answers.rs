@@ -12,6 +12,9 @@ pub(super) struct Answers {
     pub(super) threshold: f32,
     pub(super) relevancy: String,
     pub(super) renderer: String,
+    /// Runs of frames that no chapter of the scene shows, each by its first and last frame.
+    #[serde(default)]
+    pub(super) frames_not_shown: Vec<[usize; 2]>,
     /// Place where one more mark would help most; only with marks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) look_here: Option<LookHere>,
@@ -44,7 +47,8 @@ pub(super) struct FoundGaussians {
     pub(super) file: PathBuf,
 }
 
-/// Answer to one prompt on one frame: if it was found, and how much of it.
+/// Answer to one prompt on one frame: if it was found, and how much of it. There are no numbers of a frame
+/// that the scene does not show.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct FrameAnswer {
     pub(super) frame: usize,
@@ -52,9 +56,9 @@ pub(super) struct FrameAnswer {
     /// Class that is most like the words and is on this frame.
     pub(super) nearest: Option<String>,
     pub(super) found: bool,
-    pub(super) area_px: usize,
-    pub(super) area_fraction: f64,
-    pub(super) max_score: f32,
+    pub(super) area_px: Option<usize>,
+    pub(super) area_fraction: Option<f64>,
+    pub(super) max_score: Option<f32>,
     /// Area of the found pixels at their depth, facing the camera, in scene units²; `None` if the depth was
     /// not measured.
     pub(super) seen_area: Option<f64>,
@@ -66,9 +70,14 @@ pub(super) struct FrameAnswer {
 impl PromptAnswers {
     /// Takes the verdict on all frames from those on each.
     fn conclude(&mut self) {
-        let verdicts = [Verdict::Found, Verdict::Nearest];
+        let verdicts = [Verdict::Found, Verdict::Nearest, Verdict::Absent];
         let seen = |verdict: &Verdict| self.frames.iter().any(|f| f.answer == *verdict);
-        self.answer = verdicts.into_iter().find(seen).unwrap_or(Verdict::Absent);
+        self.answer = verdicts.into_iter().find(seen).unwrap_or(Verdict::NotShown);
+    }
+
+    /// Returns the number of frames asked that the scene shows.
+    pub(super) fn frames_shown(&self) -> usize {
+        self.frames.iter().filter(|f| f.answer != Verdict::NotShown).count()
     }
 
     pub(super) fn frames_found(&self) -> usize {
@@ -76,7 +85,7 @@ impl PromptAnswers {
     }
 
     pub(super) fn max_score(&self) -> f32 {
-        self.frames.iter().map(|f| f.max_score).fold(0.0, f32::max)
+        self.frames.iter().filter_map(|f| f.max_score).fold(0.0, f32::max)
     }
 
     /// Returns the frame where the prompt covers most; `None` if it is never found.
@@ -86,12 +95,13 @@ impl PromptAnswers {
 
     /// Says where a prompt stands that was found on no frame.
     pub(super) fn why_not_found(&self) -> String {
-        let (total, why) = (self.frames.len(), &self.why);
+        let (total, why) = (self.frames_shown(), &self.why);
         let nearest = self.frames.iter().filter(|f| f.answer == Verdict::Nearest).count();
         match &self.nearest {
             Some(class) if nearest > 0 => {
                 format!("not found; looks like {class}, which is on {nearest} of {total} frames ({why})")
             }
+            _ if total == 0 => "no chapter of the scene shows these frames".into(),
             _ if self.certainty > 0.5 => format!("on none of {total} frames ({why})"),
             _ => format!("not in this recording ({why})"),
         }
@@ -121,22 +131,26 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = engine.render(&at, true)?;
+        let is_shown = engine.scene().shows_frame(frame);
         let scores = engine.scores(&images, &at)?;
         let masks = engine.masks(&scores);
         let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
         for (k, (prompt, answer)) in prompts.iter_mut().zip(&answers).enumerate() {
             let region = Region::of(&scores[k], &masks[k]);
             let shows_nearest = stand_ins.places[k].is_some_and(|place| masks[place].count() > 0);
-            let verdict = answer.verdict(region.area_px > 0, shows_nearest);
+            let verdict = match is_shown {
+                true => answer.verdict(region.area_px > 0, shows_nearest),
+                false => Verdict::NotShown,
+            };
             prompt.frames.push(FrameAnswer {
                 frame,
                 answer: verdict,
                 nearest: answer.nearest.clone().filter(|_| verdict == Verdict::Nearest),
                 found: region.area_px > 0,
-                area_px: region.area_px,
-                area_fraction: region.area_fraction,
-                max_score: region.max_score,
-                seen_area: is_measured.then(|| seen_area(&masks[k], &depth, &at.camera)),
+                area_px: is_shown.then_some(region.area_px),
+                area_fraction: is_shown.then_some(region.area_fraction),
+                max_score: is_shown.then_some(region.max_score),
+                seen_area: (is_measured && is_shown).then(|| seen_area(&masks[k], &depth, &at.camera)),
                 source: sources.get(frame).cloned(),
             });
         }
@@ -150,6 +164,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
         threshold: engine.settings().threshold,
         relevancy: engine.relevancy_name().into(),
         renderer: engine.renderer_name(),
+        frames_not_shown: engine.scene().frames_not_shown(),
         look_here: LookHere::best(&in_doubt).cloned(),
     })
 }
@@ -175,5 +190,33 @@ impl StandIns {
         });
         let places = places.collect();
         Self { questions: own, places }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::asking_tests::unfinished_engine;
+
+    #[test]
+    fn nobody_looked_on_frames_that_no_chapter_shows() {
+        let mut engine = unfinished_engine();
+        let questions = ["liver", "spleen"].map(|words| {
+            let negatives = Negatives::of(engine.settings());
+            Question::words(words, negatives)
+        });
+        let answers = ask(&mut engine, &questions, &[0, 1, 2, 3]).unwrap();
+        assert_eq!(answers.frames_not_shown, [[2, 3]]);
+        let [liver, spleen] = &answers.prompts[..] else { panic!("two prompts") };
+        let verdicts: Vec<Verdict> = liver.frames.iter().map(|f| f.answer).collect();
+        assert_eq!(verdicts, [Verdict::Found, Verdict::Found, Verdict::NotShown, Verdict::NotShown]);
+        let last = &liver.frames[3];
+        assert!(last.area_px.is_none() && last.area_fraction.is_none() && last.max_score.is_none());
+        assert!(last.seen_area.is_none() && !last.found);
+        assert_eq!((liver.frames_found(), liver.frames_shown(), liver.answer), (2, 2, Verdict::Found));
+        assert_eq!(spleen.answer, Verdict::Absent);
+        let beyond = ask(&mut engine, &questions, &[2, 3]).unwrap();
+        assert_eq!(beyond.prompts[0].answer, Verdict::NotShown);
+        assert_eq!(beyond.prompts[1].why_not_found(), "no chapter of the scene shows these frames");
     }
 }

@@ -9,7 +9,8 @@ use clap::{Args, ValueEnum, ValueHint};
 use std::path::PathBuf;
 use surgtpgs_clip::Provider;
 use surgtpgs_core::{
-    Error, Result, relevancy::RelevancySettings, segment::MaskSettings, sequence::HiddenRectangle,
+    Error, Result, relevancy::RelevancySettings, scene::Scene, segment::MaskSettings,
+    sequence::HiddenRectangle,
 };
 
 /// Arguments of every verb.
@@ -80,7 +81,26 @@ impl SceneArgs {
     fn open_with(&self, options: EngineOptions) -> Result<Engine> {
         let engine = Engine::open(&self.scene, options)?;
         say(&format!("rendering on {}", engine.renderer_name()));
+        if let Some(note) = not_shown_note(engine.scene()) {
+            say(&format!("note: {note}"));
+        }
         Ok(engine)
+    }
+}
+
+/// Names the frames that no chapter of a scene shows; `None` if there is none.
+pub(super) fn not_shown_note(scene: &Scene) -> Option<String> {
+    let runs = scene.frames_not_shown();
+    let count: usize = runs.iter().map(|[first, last]| last - first + 1).sum();
+    let run = |[first, last]: &[usize; 2]| match first == last {
+        true => first.to_string(),
+        false => format!("{first}–{last}"),
+    };
+    let places = runs.iter().map(run).collect::<Vec<_>>().join(", ");
+    match count {
+        0 => None,
+        1 => Some(format!("1 frame is shown by no chapter: {places}")),
+        _ => Some(format!("{count} frames are shown by no chapter: {places}")),
     }
 }
 
@@ -294,6 +314,7 @@ fn positive_number(text: &str) -> Result<f32, String> {
 mod tests {
     use super::*;
     use clap::Parser;
+    use surgtpgs_core::{scene::Chapter, stress};
 
     #[derive(Parser)]
     struct Line {
@@ -313,6 +334,21 @@ mod tests {
         assert_eq!(frames("..99").unwrap().len(), 5);
         assert!(frames("5..9").unwrap_err().contains("counted from 0"));
         assert!(frame_range("a..b").is_err() && frame_range("").is_err() && frame_range("-1").is_err());
+    }
+
+    #[test]
+    fn frames_that_no_chapter_shows_are_named() {
+        let of_frames = |shown: std::ops::Range<usize>| {
+            let mut scene = stress::ordinary(3);
+            scene.cameras = vec![scene.cameras[0]; 9];
+            let chapter = Chapter { index: 0, count: 2, learned: shown.clone(), shown };
+            scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+            not_shown_note(&scene.as_chapter())
+        };
+        assert_eq!(of_frames(0..9), None);
+        assert_eq!(of_frames(0..8).unwrap(), "1 frame is shown by no chapter: 8");
+        assert_eq!(of_frames(1..4).unwrap(), "6 frames are shown by no chapter: 0, 4–8");
+        assert_eq!(not_shown_note(&stress::ordinary(3)), None);
     }
 
     #[test]

@@ -241,8 +241,7 @@ fn write_still(
     inputs: &Inputs,
     done: &mut Conversion,
 ) -> Result<()> {
-    let shows = |frame: &usize| scene.shows(scene.time(*frame));
-    let frame = args.frame.or_else(|| (0..scene.num_frames()).find(shows)).unwrap_or(0);
+    let frame = args.frame.or_else(|| (0..scene.num_frames()).find(|f| scene.shows_frame(*f))).unwrap_or(0);
     if frame >= scene.num_frames() {
         let what = format!("there is no frame {frame}; the scene has {}, from 0", scene.num_frames());
         return Err(Error::input(what, "Give a smaller --frame."));
@@ -272,7 +271,7 @@ fn not_shown(what: &str) -> Error {
 fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let frames = FrameRange::frames(args.frames, scene.num_frames())?;
     let (frames, missing): (Vec<usize>, Vec<usize>) =
-        frames.into_iter().partition(|frame| scene.shows(scene.time(*frame)));
+        frames.into_iter().partition(|frame| scene.shows_frame(*frame));
     if frames.is_empty() {
         return Err(not_shown("any of these frames"));
     }

@@ -236,11 +236,12 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
         replace: args.force,
         completes_same,
     };
+    let num_shown = request.frames.iter().filter(|f| engine.scene().shows_frame(**f)).count();
     say(&format!(
         "exporting {} frames, {} prompts, {} files to {}",
         request.frames.len(),
         request.questions.len(),
-        num_files(&request.options.formats, request.frames.len(), request.questions.len()),
+        num_files(&request.options.formats, num_shown, request.questions.len()),
         args.output.display()
     ));
     console::watch_interrupts();

@@ -81,10 +81,10 @@ pub(super) fn classes_table(iou: &Iou) -> String {
 pub(super) fn answers_table(answers: &Answers) -> String {
     let rows = answers.prompts.iter().map(|prompt| {
         let largest = match prompt.largest() {
-            Some(f) => format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame),
+            Some(f) => format!("{:.1} % of frame {}", 100.0 * f.area_fraction.unwrap_or(0.0), f.frame),
             None => escaped(&prompt.why_not_found()),
         };
-        let found = format!("{} of {} frames", prompt.frames_found(), prompt.frames.len());
+        let found = format!("{} of {} frames", prompt.frames_found(), prompt.frames_shown());
         vec![escaped(&prompt.text), found, largest, format!("{:.2}", prompt.max_score())]
     });
     format!(

@@ -1,6 +1,7 @@
 //! `surgtpgs join`: one scene from scenes of chapters.
 
 use super::{
+    args::not_shown_note,
     console::{print_report, say},
     verb::{Exit, Run},
 };
@@ -60,8 +61,8 @@ impl Run for JoinArgs {
             unfinished_chapters: stopped.len(),
             bytes: self.output.metadata().map_or(0, |about| about.len()),
         };
-        if report.missing_frames > 0 {
-            say(&format!("note: {} frames are in none of these chapters", report.missing_frames));
+        if let Some(note) = not_shown_note(&scene) {
+            say(&format!("note: {note}"));
         }
         for (part, jobs::Stopped { steps, of }) in stopped {
             say(&format!(

@@ -15,7 +15,7 @@ struct Row<'a> {
     prompt: &'a str,
     frame: usize,
     time_s: Option<f64>,
-    area_px: usize,
+    area_px: Option<usize>,
     /// Area of the found pixels at their depth, facing the camera.
     seen_area: Option<f64>,
     /// Volume of the ellipsoid that spreads as the object's Gaussians do.
@@ -122,9 +122,9 @@ mod tests {
             answer: Verdict::Found,
             nearest: None,
             found: true,
-            area_px: 7,
-            area_fraction: 0.1,
-            max_score: 0.9,
+            area_px: Some(7),
+            area_fraction: Some(0.1),
+            max_score: Some(0.9),
             seen_area: Some(2.0),
             source: None,
         };
@@ -147,7 +147,7 @@ mod tests {
         assert!((rows[3].moved.unwrap() - moved).abs() < 1e-12 && moved > 0.0);
         assert!(rows[2].volume_proxy.unwrap() > 0.0);
         let row = follow(&scene, &prompt, &[1, 5, 9]).swap_remove(3).without_lengths();
-        assert_eq!((row.area_px, row.time_s), (7, Some(0.12)));
+        assert_eq!((row.area_px, row.time_s), (Some(7), Some(0.12)));
         let lengths = [row.seen_area, row.volume_proxy, row.spread, row.x, row.y, row.z, row.moved, row.away];
         assert_eq!(lengths, [None; 8], "the shape is guessed");
         assert!(follow(&scene, &prompt, &[]).iter().all(|row| row.x.is_none() && row.moved.is_none()));

@@ -64,7 +64,7 @@ impl Run for QueryArgs {
         } else if self.csv {
             print_data(&as_csv(&answers))?;
         } else {
-            print(&as_text(&answers, frames.len()))?;
+            print(&as_text(&answers))?;
         }
         Ok(Exit::Done)
     }
@@ -74,16 +74,17 @@ impl Run for QueryArgs {
     }
 }
 
-fn as_text(answers: &Answers, num_frames: usize) -> String {
+fn as_text(answers: &Answers) -> String {
     let line = |prompt: &PromptAnswers| {
         let found = match prompt.largest() {
             None => prompt.why_not_found(),
             Some(largest) => format!(
-                "found on {} of {num_frames} frames, largest on frame {} ({} px, {:.1} %)",
+                "found on {} of {} frames, largest on frame {} ({} px, {:.1} %)",
                 prompt.frames_found(),
+                prompt.frames_shown(),
                 largest.frame,
-                largest.area_px,
-                100.0 * largest.area_fraction
+                largest.area_px.unwrap_or(0),
+                100.0 * largest.area_fraction.unwrap_or(0.0)
             ),
         };
         let caution = match prompt.max_score() {
@@ -111,9 +112,9 @@ fn as_csv(answers: &Answers) -> String {
                 "{name},{},{},{},{},{},{},{},{}\n",
                 f.frame,
                 f.found,
-                f.area_px,
-                f.area_fraction,
-                f.max_score,
+                cell(f.area_px),
+                cell(f.area_fraction),
+                cell(f.max_score),
                 f.source.as_deref().map_or(String::new(), quoted),
                 f.answer.name(),
                 f.nearest.as_deref().map_or(String::new(), quoted)
@@ -121,6 +122,11 @@ fn as_csv(answers: &Answers) -> String {
         }
     }
     text
+}
+
+/// Returns a CSV field of a number, empty if there is none.
+fn cell(number: Option<impl ToString>) -> String {
+    number.map_or(String::new(), |number| number.to_string())
 }
 
 /// Returns a CSV field in quotes.

@@ -2,7 +2,7 @@
 
 use surgtpgs_core::{meaning::Meaning, sequence::Class};
 
-/// One of three answers. Of a prompt that may be found, the frames decide.
+/// Answer on a frame, or on several. Of a prompt that may be found, the frames decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -12,6 +12,8 @@ pub enum Verdict {
     Nearest,
     /// It is not here.
     Absent,
+    /// The scene shows nothing here.
+    NotShown,
 }
 
 impl Verdict {
@@ -21,6 +23,7 @@ impl Verdict {
             Self::Found => "found",
             Self::Nearest => "nearest",
             Self::Absent => "absent",
+            Self::NotShown => "not_shown",
         }
     }
 }

@@ -8,6 +8,7 @@ use surgtpgs_core::{
     export::{ExportOptions, Format, PictureSource},
     gaussian::Gaussians,
     progress::unobserved,
+    scene::Chapter,
     sequence::Class,
     stress,
 };
@@ -39,6 +40,17 @@ pub(crate) fn engine_on(backend: BackendChoice, names: &[&str], unseen: &[&str])
     scene.words.unseen = unseen.iter().map(|name| (*name).to_owned()).collect();
     scene.codec = Some(codec);
     Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap()
+}
+
+/// Opens an engine on a scene of liver and fat. The training reached the first two of its four frames.
+pub(crate) fn unfinished_engine() -> Engine {
+    let whole = engine(&["liver", "fat"], &[]);
+    let mut scene = Scene::clone(whole.scene());
+    scene.cameras = vec![scene.cameras[0]; 4];
+    let chapter = Chapter { index: 0, count: 2, shown: 0..2, learned: 0..3 };
+    scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    Engine::new(Arc::new(scene.as_chapter()), None, options).unwrap()
 }
 
 /// Asks one prompt; returns its answer and its mask.

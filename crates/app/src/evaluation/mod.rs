@@ -154,7 +154,8 @@ pub(crate) fn evaluate(
     let ms = times.medians();
     let scene = engine.scene();
     let report = EvalReport {
-        gaussians: Some(scene.gaussians.len()),
+        gaussians: Some(scene.num_gaussians()?),
+        frames_not_shown: scene.frames_not_shown(),
         train_psnr_db: mean(train_psnr_db.into_iter()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
@@ -173,7 +174,7 @@ fn shown_frames(scene: &Scene, num_frames: usize) -> Vec<usize> {
     let excluded = scene.provenance.settings.get("excluded").cloned().unwrap_or_default();
     let excluded: Vec<(usize, usize)> = serde_json::from_value(excluded).unwrap_or_default();
     let is_excluded = |i: &usize| excluded.iter().any(|(from, to)| (from..=to).contains(&i));
-    (0..num_frames).filter(|i| !is_excluded(i) && scene.shows(scene.time(*i))).collect()
+    (0..num_frames).filter(|i| !is_excluded(i) && scene.shows_frame(*i)).collect()
 }
 
 /// Returns of the shown frames those without a mark if there are marks, else those held out, or all.

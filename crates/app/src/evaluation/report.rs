@@ -49,8 +49,12 @@ pub(crate) struct EvalReport {
     pub(crate) depth_rmse: Option<f64>,
     pub(crate) depth: Option<DepthErrors>,
     pub(crate) frames: usize,
+    /// Runs of frames that no chapter of the scene shows, each by its first and last frame; they are not
+    /// measured.
+    pub(crate) frames_not_shown: Vec<[usize; 2]>,
     /// `true` if the frames were kept from training; for foreign masks, `true` if they are the test frames.
     pub(crate) held_out: bool,
+    /// Gaussians of all chapters.
     pub(crate) gaussians: Option<usize>,
     /// `None` without labels or features.
     pub(crate) iou: Option<Iou>,
@@ -152,6 +156,7 @@ impl EvalReport {
             depth_rmse,
             depth,
             frames: rows.len(),
+            frames_not_shown: Vec::new(),
             held_out,
             gaussians: None,
             iou: has_classes

@@ -30,7 +30,9 @@ pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
     };
     let found = frame.found().filter(|(_, mask)| mask.count() > 0);
     let found: Vec<_> = found.map(|(prompt, _)| (words(prompt), prompt.colour)).collect();
-    caption(picture, &frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame)), &found);
+    let title = frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
+    let state = if frame.is_shown() { "" } else { "  not reconstructed" };
+    caption(picture, &format!("{title}{state}"), &found);
 }
 
 /// Writes a title into the upper left corner, and below it what was found, each with its colour.

@@ -55,6 +55,11 @@ impl<'a> FrameContent<'a> {
         (self.picture.width() as usize, self.picture.height() as usize)
     }
 
+    /// Returns `true` if the scene shows the frame, so that what is not found is not there.
+    pub(super) fn is_shown(&self) -> bool {
+        self.provenance.shows(self.frame)
+    }
+
     /// Returns the prompts with their masks.
     pub(super) fn found(&self) -> impl Iterator<Item = (&'a ExportPrompt, &Mask)> {
         self.provenance.prompts.iter().zip(&self.masks)

@@ -85,6 +85,8 @@ pub struct ExportSummary {
     pub frames: usize,
     /// Number of frames that existed already and were left alone.
     pub skipped_frames: usize,
+    /// Number of requested frames that the scene does not show, which have no files of their own.
+    pub frames_not_shown: usize,
     /// Number of files of the export, without `provenance.json`, `labels.json` and `data.yaml`.
     pub files: usize,
     /// Words of which nothing was written, because they mean nothing in the recording.
@@ -175,11 +177,11 @@ impl Export {
     /// `None` at the end.
     pub fn next_frame(&mut self) -> Option<usize> {
         while let Some(&frame) = self.frames.get(self.next) {
-            if self.overwrite || !self.due.is_empty() || !self.is_finished(frame) {
+            if !self.due.is_empty() || self.needs_files(frame) {
                 return Some(frame);
             }
             self.next += 1;
-            self.skipped += 1;
+            self.skipped += usize::from(self.record.provenance.shows(frame));
         }
         None
     }
@@ -214,6 +216,7 @@ impl Export {
             complete,
             frames: self.frames.len(),
             skipped_frames: self.skipped,
+            frames_not_shown: self.frames.iter().filter(|&&f| !self.record.provenance.shows(f)).count(),
             files: self.record.files.iter().filter(|f| !is_labels(&f.name)).count(),
             left_out: self.record.provenance.left_out.clone(),
         })
@@ -227,16 +230,16 @@ impl Export {
         tools: Option<&Mask>,
     ) -> Result<()> {
         self.open_series((picture.width() as usize, picture.height() as usize))?;
-        let is_drawn = !self.overwrite && self.is_finished(frame);
+        let is_to_draw = self.needs_files(frame);
         let content = FrameContent::new(&self.record.provenance, frame, picture, scores, tools);
-        let files = if is_drawn { Vec::new() } else { pictures::draw(&content)? };
+        let files = if is_to_draw { pictures::draw(&content)? } else { Vec::new() };
         let (folder, overwrite) = (self.folder.as_path(), self.overwrite);
         let written: Result<Vec<ExportedFile>> =
             files.into_par_iter().map(|file| write_file(folder, frame, file, overwrite)).collect();
         for OpenSeries { name, writer } in &mut self.series {
             writer.add(&content).map_err(|e| Error::io("write the file", folder.join(name), e))?;
         }
-        if !is_drawn {
+        if is_to_draw {
             self.record.add(frame, written?);
         }
         Ok(())
@@ -293,6 +296,11 @@ impl Export {
             }
         }
         Ok(due)
+    }
+
+    /// Returns `true` if files of a single frame have to be written.
+    fn needs_files(&self, frame: usize) -> bool {
+        self.record.provenance.shows(frame) && (self.overwrite || !self.is_finished(frame))
     }
 
     fn is_finished(&self, frame: usize) -> bool {

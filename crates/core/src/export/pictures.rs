@@ -33,8 +33,12 @@ fn parts(provenance: &Provenance) -> Vec<PictureFile> {
     provenance.options.formats.iter().filter(|f| !f.is_series()).flat_map(of_format).collect()
 }
 
-/// Returns the paths of the files of a frame inside the export.
+/// Returns the paths of the files of a frame inside the export. A frame that the scene does not show has
+/// none: an empty mask would say that nothing is there.
 pub(super) fn names(provenance: &Provenance, frame: usize) -> Vec<String> {
+    if !provenance.shows(frame) {
+        return Vec::new();
+    }
     let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
     parts(provenance).into_iter().map(|part| name(part, frame, &slugs)).collect()
 }

@@ -53,6 +53,9 @@ pub struct Provenance {
     /// File names of its frames, from frame 0 on (or their numbers, for a video), if known.
     #[serde(default)]
     pub sequence_frame_names: Vec<String>,
+    /// Runs of frames that no chapter of the scene shows, each by its first and last frame.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frames_not_shown: Vec<[usize; 2]>,
     /// Its frame rate, if known; finite and above 0.
     pub frames_per_second: Option<f32>,
     /// Time of every frame after the first, seconds; empty if the frame rate tells it, or nothing does.
@@ -121,6 +124,7 @@ impl Provenance {
                 .iter()
                 .flat_map(|identity| identity.names().map(str::to_owned))
                 .collect(),
+            frames_not_shown: scene.frames_not_shown(),
             frames_per_second: made.speed(),
             frame_seconds: made.frame_seconds.clone(),
             held_out: made.held_out,
@@ -145,6 +149,11 @@ impl Provenance {
     /// Returns the file name of the recording's frame, if known.
     pub fn source(&self, frame: usize) -> Option<&str> {
         self.sequence_frame_names.get(frame).map(String::as_str)
+    }
+
+    /// Returns `true` if the scene shows `frame`. What it does not show was looked for by nobody.
+    pub fn shows(&self, frame: usize) -> bool {
+        !self.frames_not_shown.iter().any(|[first, last]| (first..=last).contains(&&frame))
     }
 
     /// Returns the seconds from the recording's beginning to `frame`; `None` if its speed is not known.

@@ -36,6 +36,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         scene_sha256: "00".into(),
         sequence_name: "demo".into(),
         sequence_frames: 4,
+        frames_not_shown: Vec::new(),
         sequence_sha256: Some("22".into()),
         sequence_frame_names: (0..10).map(|i| format!("shot {i}.png")).collect(),
         frames_per_second: Some(25.0),
@@ -227,6 +228,41 @@ fn an_export_goes_on_where_it_stopped() {
 
     let third = run(folder.path(), &[0, 1, 2], &how, false).unwrap();
     assert_eq!((third.complete, third.skipped_frames), (true, 3));
+}
+
+#[test]
+fn frames_that_the_scene_does_not_show_are_not_said_to_be_empty() {
+    let folder = tempfile::tempdir().unwrap();
+    let formats =
+        [Format::Binary, Format::Yolo, Format::Csv, Format::Json, Format::Coco, Format::LabelStudio];
+    let how = Provenance { frames_not_shown: vec![[1, 2]], ..provenance(&formats, false) };
+    for skipped in [0, 2] {
+        let summary = run(folder.path(), &[0, 1, 2, 3], &how, false).unwrap();
+        assert_eq!((summary.complete, summary.skipped_frames, summary.frames_not_shown), (true, skipped, 2));
+    }
+    let read = |format: Format| {
+        std::fs::read_to_string(folder.path().join(series::name(format, &[0, 1, 2, 3]))).unwrap()
+    };
+    for format in [Format::Binary, Format::Yolo] {
+        let entries = std::fs::read_dir(folder.path().join(format.name())).unwrap();
+        let names = entries.map(|e| e.unwrap().file_name().into_string().unwrap());
+        let frames: std::collections::BTreeSet<_> = names
+            .filter_map(|name| name.get(..12).map(str::to_owned))
+            .filter(|n| n.starts_with("frame"))
+            .collect();
+        assert_eq!(Vec::from_iter(frames), ["frame_000000", "frame_000003"], "{}", format.name());
+    }
+    let csv = read(Format::Csv);
+    let rows = csv.lines().filter(|line| line.starts_with("2,"));
+    assert_eq!(
+        Vec::from_iter(rows),
+        ["2,0.04,Bile sac,,,,,,,,shot 1.png,not_shown", "2,0.04,liver,,,,,,,,shot 1.png,not_shown"]
+    );
+    let json = |format| serde_json::from_str::<serde_json::Value>(&read(format)).unwrap();
+    let row = &json(Format::Json)["measurements"][2];
+    assert!(row["area_px"].is_null() && row["max_score"].is_null() && row["answer"] == "not_shown", "{row}");
+    assert_eq!(json(Format::Coco)["images"].as_array().unwrap().len(), 2);
+    assert_eq!(json(Format::LabelStudio).as_array().unwrap().len(), 2);
 }
 
 #[test]

@@ -94,6 +94,15 @@ impl Part {
         Ok(bytes)
     }
 
+    /// Reads the number of Gaussians, and nothing else.
+    fn num_gaussians(&self) -> Result<usize> {
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let fail = |e| Error::io("read a part of the scene", &self.path, e);
+        file.seek(SeekFrom::Start(self.start)).map_err(fail)?;
+        let number = file::num_gaussians(Read::by_ref(&mut *file).take(self.len));
+        number.ok_or_else(|| wrong(&self.path, "a chapter of the scene is damaged".into()))
+    }
+
     /// Reads the scene.
     pub(super) fn scene(&self) -> Result<Scene> {
         let bytes = self.bytes().map_err(|e| Error::io("read a part of the scene", &self.path, e))?;
@@ -199,6 +208,31 @@ impl Scene {
     /// Returns `true` if there is something to show at `time`.
     pub fn shows(&self, time: f32) -> bool {
         self.chapters.is_empty() || self.place_at(time).is_some()
+    }
+
+    /// Returns `true` if there is something to show on frame `i`.
+    pub fn shows_frame(&self, i: usize) -> bool {
+        self.shows(self.time(i))
+    }
+
+    /// Returns the runs of frames that no chapter shows, each by its first and last frame.
+    pub fn frames_not_shown(&self) -> Vec<[usize; 2]> {
+        self.chapters.gaps(self.num_frames()).into_iter().map(|gap| [gap.start, gap.end - 1]).collect()
+    }
+
+    /// Returns the number of Gaussians of all chapters.
+    ///
+    /// # Errors
+    /// A chapter cannot be read.
+    pub fn num_gaussians(&self) -> Result<usize> {
+        let of = |place: &Place| match &place.source {
+            Source::Memory(both) => Ok(both.0.len()),
+            Source::File(part) => part.num_gaussians(),
+        };
+        match self.chapters.is_empty() {
+            true => Ok(self.gaussians.len()),
+            false => self.chapters.all.iter().map(of).sum(),
+        }
     }
 
     /// Returns the scene with the Gaussians of the chapter that is shown at `time`. Where none is, it has none.
@@ -445,8 +479,10 @@ mod tests {
             scene.chapters.gaps(9).iter().map(|gap| (gap.start, gap.end)).collect()
         };
         assert_eq!([&scene, &first, &ordinary(3)].map(gaps), [vec![(3, 5)], vec![(3, 9)], vec![]]);
-        assert_eq!((0..9).map(|i| scene.shows(scene.time(i))).collect::<Vec<_>>(), COUNTS.map(|n| n > 0));
+        assert_eq!((0..9).map(|i| scene.shows_frame(i)).collect::<Vec<_>>(), COUNTS.map(|n| n > 0));
+        assert_eq!((scene.frames_not_shown(), first.frames_not_shown()), (vec![[3, 4]], vec![[3, 8]]));
         assert!(ordinary(3).shows(0.0));
+        assert_eq!([&scene, &ordinary(3)].map(|scene| scene.num_gaussians().unwrap()), [13, 3]);
         assert_eq!([2, 6].map(|i| scene.cameras[i]), [first.cameras[2], second.cameras[6]]);
         let folder = tempfile::tempdir().unwrap();
         for compact in [false, true] {
@@ -454,6 +490,7 @@ mod tests {
             scene.write(&mut File::create(&path).unwrap(), compact).unwrap();
             let read = Scene::load(&path).unwrap();
             assert_eq!(counts(&read), COUNTS);
+            assert_eq!(read.num_gaussians().unwrap(), 13, "of both chapters");
             assert_eq!((&read.cameras, read.provenance.steps), (&scene.cameras, 100));
             let last = read.at(read.time(8)).unwrap();
             assert!(is_stored(&last.gaussians, &second, compact));

@@ -28,7 +28,8 @@ impl Coco {
         let head = json!({
             "info": { "description": provenance.intended_use, "contributor": provenance.tool },
             "categories": provenance.prompts.iter().enumerate().map(category).collect::<Vec<_>>(),
-            "images": frames.iter().map(image).collect::<Vec<_>>(),
+            // An image without annotations says that nothing is there.
+            "images": frames.iter().filter(|&&f| provenance.shows(f)).map(image).collect::<Vec<_>>(),
         });
         // Evaluators take annotation 0 for no annotation.
         Ok(Self { annotations: JsonList::begin(file, &head, "annotations")?, next_id: 1 })

@@ -16,7 +16,11 @@ impl LabelStudio {
 }
 
 impl Series for LabelStudio {
+    /// Adds a task. A frame that the scene does not show has none: it would say that nothing is there.
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        if !frame.is_shown() {
+            return Ok(());
+        }
         let (width, height) = frame.size();
         let found = frame.found().enumerate().filter(|(_, (_, mask))| mask.data.contains(&true));
         let region = |(i, (prompt, mask)): (usize, (&crate::export::ExportPrompt, &_))| {

@@ -19,17 +19,17 @@ pub(super) struct TableRow<'a> {
     #[serde(skip)]
     shown_time_s: f64,
     prompt: &'a str,
-    area_px: usize,
-    area_fraction: f64,
+    area_px: Option<usize>,
+    area_fraction: Option<f64>,
     mean_score: Option<f64>,
-    max_score: f32,
+    max_score: Option<f32>,
     centroid_x_px: Option<f64>,
     centroid_y_px: Option<f64>,
     /// Distance of the centroid from its position on the last earlier frame on which the prompt was found.
     moved_px: Option<f64>,
     /// File name of the recorded frame.
     source: Option<&'a str>,
-    /// `found`, `nearest` or `absent`.
+    /// `found`, `nearest` or `absent`; `not_shown` where the scene shows nothing.
     answer: &'static str,
 }
 
@@ -54,6 +54,7 @@ impl<R: Rows> FrameTable<R> {
 impl<R: Rows> Series for FrameTable<R> {
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
         self.last.resize(frame.masks.len(), None);
+        let is_shown = frame.is_shown();
         for (((prompt, mask), scores), last) in frame.found().zip(frame.scores).zip(&mut self.last) {
             let region = Region::of(scores, mask);
             let here = region.centroid_px;
@@ -64,15 +65,15 @@ impl<R: Rows> Series for FrameTable<R> {
                 time_s: frame.provenance.seconds(frame.frame),
                 shown_time_s: frame.provenance.shown_seconds(frame.frame),
                 prompt: &prompt.text,
-                area_px: region.area_px,
-                area_fraction: region.area_fraction,
+                area_px: is_shown.then_some(region.area_px),
+                area_fraction: is_shown.then_some(region.area_fraction),
                 mean_score: region.mean_score,
-                max_score: region.max_score,
+                max_score: is_shown.then_some(region.max_score),
                 centroid_x_px: here.map(|[x, _]| x),
                 centroid_y_px: here.map(|[_, y]| y),
                 moved_px: moved,
                 source: frame.provenance.source(frame.frame),
-                answer: prompt.answer(region.area_px > 0),
+                answer: if is_shown { prompt.answer(region.area_px > 0) } else { "not_shown" },
             })?;
         }
         Ok(())

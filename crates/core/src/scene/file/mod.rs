@@ -185,15 +185,25 @@ pub(super) fn provenance(path: &Path) -> Option<Provenance> {
     Some(header.provenance)
 }
 
-/// Reads the metadata of a safetensors file.
+/// Reads the number of Gaussians of a scene file, and nothing else of it; `None` if it cannot be read.
+pub(super) fn num_gaussians(file: impl Read) -> Option<usize> {
+    let header: SceneHeader = serde_json::from_str(metadata_of(file)?.get(METADATA_KEY)?).ok()?;
+    Some(header.gaussians)
+}
+
+/// Reads the metadata of the safetensors file at `path`.
 fn metadata(path: &Path) -> Option<HashMap<String, String>> {
+    metadata_of(open_regular(path).ok()?)
+}
+
+/// Reads the metadata of a safetensors file.
+fn metadata_of(mut file: impl Read) -> Option<HashMap<String, String>> {
     #[derive(serde::Deserialize)]
     struct Names {
         #[serde(rename = "__metadata__")]
         metadata: HashMap<String, String>,
     }
     let header = || {
-        let mut file = open_regular(path)?;
         let mut len = [0; 8];
         file.read_exact(&mut len)?;
         let mut header = Vec::new();

@@ -107,7 +107,11 @@ impl DicomSeg {
 }
 
 impl Series for DicomSeg {
+    /// Adds what was found. A frame that the scene does not show has no labels.
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        if !frame.is_shown() {
+            return Ok(());
+        }
         let num_pixels = self.size.0 * self.size.1;
         match self.provenance.options.seg_type {
             SegType::Binary => {
