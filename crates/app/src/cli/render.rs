@@ -78,8 +78,9 @@ impl Run for RenderArgs {
         let mut depth_range = None;
         for (done, &frame) in frames.iter().enumerate() {
             let images = engine.render(&sized(engine.view(frame)?, self.width), has_features)?;
-            let range =
-                *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
+            depth_range = depth_range.or_else(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
+            // Without a range there is no depth to draw.
+            let range = depth_range.unwrap_or_default();
             kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
             view.count("rendering", done + 1, frames.len());
         }
@@ -152,16 +153,20 @@ fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma
     })
 }
 
-/// Returns the range of the middle 98 % of known depths. The first frame's range serves for all frames, so
-/// that the pictures do not flicker.
-fn typical_range(depth: &Grid<f32>) -> (f32, f32) {
+/// Returns the range of the middle 98 % of known depths; `None` if none is known. The range of the first
+/// frame that has one serves for all frames, so that the pictures do not flicker.
+fn typical_range(depth: &Grid<f32>) -> Option<(f32, f32)> {
     let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()).collect();
-    let near = percentile(&mut known, 1.0).unwrap_or(0.0);
-    (near, percentile(&mut known, 99.0).unwrap_or(near + 1.0))
+    percentile(&mut known, 1.0).zip(percentile(&mut known, 99.0))
 }
+
+/// Meaning of the numbers in the pictures that [`depth_picture`] draws.
+const DEPTH_PNG: &str = "inverted, to look at: 65535 is near, 1 is far, 0 is unknown. depth_png_range holds the depths of \
+     65535 and of 1: the middle 98 % of the first frame with depth. What is nearer or further is drawn like these.";
 
 fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Option<(f32, f32)>) -> Result<()> {
     let provenance = &engine.scene().provenance;
+    let range = range.filter(|_| kinds.contains(&ImageKind::Depth));
     let notes = serde_json::json!({
         "tool": format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
         "intended_use": surgtpgs_core::export::intended_use(),
@@ -169,7 +174,9 @@ fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Optio
         "rendered_by": engine.renderer_name(),
         "depth_unit": engine.depth_origin().is_measured().then_some("scene units"),
         "depth_origin": engine.depth_origin(),
-        "depth_png_range": range.filter(|_| kinds.contains(&ImageKind::Depth)),
+        "depth_png": range.map(|_| DEPTH_PNG),
+        "depth_png_range": range,
+        "frames_not_shown": engine.scene().frames_not_shown(),
     });
     let text = serde_json::to_string_pretty(&notes).unwrap_or_default() + "\n";
     write_whole(&folder.join("render.json"), text.as_bytes())
@@ -184,5 +191,11 @@ mod tests {
         let depth = Grid::from_vec(4, 1, vec![0.0, 1.0, 2.0, 9.0]);
         let picture = depth_picture(&depth, (1.0, 2.0));
         assert_eq!(picture.into_raw(), [0, 65535, 1, 1]);
+    }
+
+    #[test]
+    fn a_frame_without_depth_gives_no_range() {
+        assert_eq!(typical_range(&Grid::filled(4, 1, 0.0)), None);
+        assert_eq!(typical_range(&Grid::from_vec(3, 1, vec![0.0, 7.0, f32::INFINITY])), Some((7.0, 7.0)));
     }
 }
