@@ -27,7 +27,7 @@ pub(super) struct EvalArgs {
     #[arg(value_name = "[SCENE] SEQ", num_args = 1..=2, required = true)]
     pub(super) paths: Vec<PathBuf>,
     /// Score the masks in this folder instead of a scene: FRAME_CLASS.png or CLASS/FRAME.png (white =
-    /// found), FRAME.png (class ids), or K/CLASS.png for the K-th held-out frame; a frame with no
+    /// found, or opaque), FRAME.png (class ids), or K/CLASS.png for the K-th held-out frame; a frame with no
     /// mask at all is not looked at
     #[arg(long, value_name = "DIR", conflicts_with = "marks")]
     masks: Option<PathBuf>,

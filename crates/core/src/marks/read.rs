@@ -5,8 +5,8 @@ use crate::{
     Error, Result,
     annotations::{self, Annotation},
     dicom::is_dicom,
-    grid::Mask,
-    reading::{picture, picture_size},
+    grid::{Grid, Mask},
+    reading::{opacity, picture, picture_size},
 };
 use serde_json::Value;
 use std::path::Path;
@@ -86,13 +86,11 @@ fn mask(path: &Path, canvas: &Canvas) -> Result<Mask, String> {
         let expected = format!("{}×{}", canvas.width, canvas.height);
         return Err(format!("its mask has {width}×{height} pixels, the frames have {expected}"));
     }
-    let pixels = picture(path).map_err(cannot)?.into_luma_alpha16();
-    // A cut-out says by its opacity what is marked, and shows what is there.
-    let channel = usize::from(pixels.pixels().any(|pixel| pixel.0[1] < u16::MAX));
-    let values = || pixels.pixels().map(|pixel| pixel.0[channel]);
-    let highest = u32::from(values().max().unwrap_or(0)).max(1);
-    let marked = values().map(|v| u32::from(v) * 2 >= highest && v > 0).collect();
-    Ok(Mask::from_vec(width, height, marked))
+    let picture = picture(path).map_err(cannot)?;
+    let values =
+        opacity(&picture).unwrap_or_else(|| Grid::from_vec(width, height, picture.into_luma16().into_raw()));
+    let highest = u32::from(values.data.iter().copied().max().unwrap_or(0)).max(1);
+    Ok(values.map(|v| u32::from(*v) * 2 >= highest && *v > 0))
 }
 
 /// Replaces numbers that JSON does not have, NaN and infinities, by null, so that the mark that holds one can

@@ -5,7 +5,7 @@ use crate::{
     export::{ExportedFile, exported_files, slugs},
     grid::Mask,
     meaning::{ClassWords, Interpreter, Meaning, Vocabulary},
-    reading::{is_present, read_text},
+    reading::{self, is_present, opacity, read_text},
     sequence::{Class, NO_LABEL, NumbersAre, PictureOfIds, Sequence, lightness, plain_words},
 };
 use std::{
@@ -152,7 +152,10 @@ impl PredictedMasks {
         for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
             match prediction {
                 Prediction::OfClass(id, path) => {
-                    let picture = lightness(&path)?;
+                    let picture = match opacity(&reading::picture(&path)?) {
+                        Some(opacity) => opacity,
+                        None => lightness(&path)?,
+                    };
                     expect_size(&path, (picture.width, picture.height), size)?;
                     let limit = white_above(&picture.data);
                     let found = picture.data.iter().map(|value| *value > limit);
@@ -441,6 +444,27 @@ mod tests {
         list(format!(r#"[{{"id":{other},"name":"liver"}}]"#));
         save(folder.path(), "frame_000009.png", 0);
         assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 0);
+    }
+
+    #[test]
+    fn cut_outs_are_found_where_they_are_opaque() {
+        let (_kept, sequence) = recording();
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = plain_provenance();
+        how.options.formats = vec![Format::Cutout];
+        let found = |x: usize| x < 20;
+        let scores =
+            Grid::from_vec(32, 24, (0..32 * 24).map(|i| if found(i % 32) { 0.9 } else { 0.1 }).collect());
+        let scores = vec![scores; how.prompts.len()];
+        // Dark and bright tissue, and black.
+        let picture = image::RgbImage::from_fn(32, 24, |x, _| image::Rgb([(x as u8) * 12; 3]));
+        let mut export = Export::begin(folder.path(), vec![9], how, false).unwrap();
+        export.write(&picture, &scores, None).unwrap();
+        export.finish().unwrap();
+        let liver = sequence.classes().iter().find(|c| c.name == "liver").unwrap();
+        let mut masks = PredictedMasks::open(&folder.path().join("cutout"), &sequence).unwrap();
+        let mask = masks.masks(9, std::slice::from_ref(liver), (32, 24)).unwrap().swap_remove(0);
+        assert!((0..32 * 24).all(|i| mask.data[i] == found(i % 32)));
     }
 
     #[test]

@@ -10,8 +10,8 @@ mod weights;
 pub use npy::npy;
 pub(crate) use npy::npy_f32;
 pub(crate) use number::NumberType;
-pub(crate) use picture::jpeg;
 pub use picture::{Values, picture, picture_size, values};
+pub(crate) use picture::{jpeg, opacity};
 pub(crate) use pieces::{Piece, Pieces, PiecesReader};
 pub(crate) use weights::weights_beside;
 

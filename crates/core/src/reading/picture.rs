@@ -5,6 +5,7 @@ use super::open_regular;
 use crate::{
     Error, Result,
     camera::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, check_image_size},
+    grid::Grid,
 };
 use image::{
     DynamicImage, ImageBuffer, ImageDecoder, ImageError, Limits, Pixel, codecs::jpeg::JpegDecoder,
@@ -49,6 +50,15 @@ pub fn picture(path: &Path) -> Result<DynamicImage> {
 /// Decodes any PNG or JPEG to the numbers that it holds.
 pub fn values(path: &Path) -> Result<Values> {
     decoded(path, Transformations::IDENTITY)
+}
+
+/// Returns the opacity of each pixel; `None` if all of them are opaque. A cut-out says by it what is cut out,
+/// and shows what is there.
+pub(crate) fn opacity(picture: &DynamicImage) -> Option<Grid<u16>> {
+    let pixels = picture.color().has_alpha().then(|| picture.to_luma_alpha16())?;
+    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+    let opacity = Grid::from_vec(width, height, pixels.pixels().map(|pixel| pixel.0[1]).collect());
+    opacity.data.iter().any(|value| *value < u16::MAX).then_some(opacity)
 }
 
 fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
