@@ -107,24 +107,25 @@ pub(super) struct ExportArgs {
 /// borders are rounded, as in the window.
 #[derive(Debug, Args)]
 struct CleanUpArgs {
-    /// Leave masks as they are
+    /// Leave masks as they are [default: without any of the five options below, parts and holes below a
+    /// thousandth of the picture go, and borders are rounded; with one of them, nothing else is done]
     #[arg(long, conflicts_with_all = ["smooth", "fill_holes", "min_area", "round", "grow"])]
     raw: bool,
     /// Smooth scores over time: the mean over a frame and this many frames before and after it
-    #[arg(long, default_value_t = 0, value_name = "FRAMES")]
-    smooth: usize,
+    #[arg(long, value_name = "FRAMES")]
+    smooth: Option<usize>,
     /// Fill holes of masks up to this area
-    #[arg(long, default_value_t = 0, value_name = "PX")]
-    fill_holes: usize,
+    #[arg(long, value_name = "PX")]
+    fill_holes: Option<usize>,
     /// Leave out parts of masks that are smaller than this area
-    #[arg(long, default_value_t = 0, value_name = "PX")]
-    min_area: usize,
+    #[arg(long, value_name = "PX")]
+    min_area: Option<usize>,
     /// Round the border of masks over this distance
-    #[arg(long, default_value_t = 0, value_name = "PX", value_parser = clap::value_parser!(u16).range(..=100))]
-    round: u16,
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(..=100))]
+    round: Option<u16>,
     /// Move the border of masks outwards, or inwards where negative
-    #[arg(long, default_value_t = 0, value_name = "PX", allow_negative_numbers = true)]
-    grow: i32,
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    grow: Option<i32>,
 }
 
 /// Reads the name of a format; the names and their explanations are the formats' own.
@@ -139,14 +140,16 @@ impl CleanUpArgs {
     /// The clean-up for pictures of a size.
     fn clean_up(&self, width: usize, height: usize) -> CleanUp {
         let &Self { raw, smooth, fill_holes, min_area, round, grow } = self;
-        let given = CleanUp {
-            smooth_frames: smooth,
-            fill_holes_px: fill_holes,
-            min_area_px: min_area,
-            round_px: round.into(),
-            grow_px: grow,
-        };
-        if given.is_off() && !raw { CleanUp::usual(width, height) } else { given }
+        if let (false, None, None, None, None, None) = (raw, smooth, fill_holes, min_area, round, grow) {
+            return CleanUp::usual(width, height);
+        }
+        CleanUp {
+            smooth_frames: smooth.unwrap_or(0),
+            fill_holes_px: fill_holes.unwrap_or(0),
+            min_area_px: min_area.unwrap_or(0),
+            round_px: round.unwrap_or(0).into(),
+            grow_px: grow.unwrap_or(0),
+        }
     }
 }
 
@@ -309,6 +312,9 @@ mod tests {
         };
         assert_eq!(clean_up(&[]), CleanUp::usual(854, 480));
         assert!(clean_up(&["--raw"]).is_off());
+        for none in ["--min-area", "--fill-holes", "--round", "--grow", "--smooth"] {
+            assert!(clean_up(&[none, "0"]).is_off(), "{none}");
+        }
         assert_eq!(clean_up(&["--round", "2"]), CleanUp { round_px: 2, ..Default::default() });
         let both = ["export", "s", "--prompt", "liver", "-o", "out", "--raw", "--grow", "1"];
         assert!(Line::try_parse_from(both).is_err());
