@@ -14,7 +14,7 @@ use crate::{
     num,
     progress::{Observer, Progress},
     segment::{BitMask, FINDING_MASKS, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
-    sequence::Sequence,
+    sequence::{Sequence, settings_name},
 };
 use image::RgbImage;
 use ndarray::{Array2, ArrayView1, Axis};
@@ -90,7 +90,8 @@ pub fn require_few_frames(sequence: &Sequence, eval: bool) -> Result<()> {
         return Ok(());
     }
     let what = format!("the recording has {n} frames; regions of at most {MAX_ROWS} can be told apart");
-    Err(Error::input_at(sequence.path(), what, "Prepare a part of it (`[frames]` in sequence.toml)."))
+    let hint = format!("Prepare a part of it (`[frames]` in {}).", settings_name(sequence.path()));
+    Err(Error::input_at(sequence.path(), what, hint))
 }
 
 /// Returns the number of rows that the next of `num_left` frames may have if others have `rows` already; at

@@ -1,11 +1,12 @@
 //! The import report: reads every file once and describes the findings in words.
 
 use super::{
-    NO_LABEL, Sequence,
+    Layout, NO_LABEL, Sequence,
     ffmpeg::damage,
     labels::{EXAMPLES, Way},
     pace,
     recording::MaskRule,
+    settings::settings_name,
     shots::{self, Seen, Shot},
 };
 use crate::{
@@ -205,7 +206,8 @@ fn camera(sequence: &Sequence, says: &mut Findings) -> String {
         super::CameraSource::Assumed(degrees) => {
             says.warnings.push(format!(
                 "The camera is unknown: a horizontal field of view of {degrees:.0}° is assumed. Give the true \
-                 one under [camera] in sequence.toml."
+                 one under [camera] in {}.",
+                settings_name(sequence.path())
             ));
             "assumed"
         }
@@ -235,11 +237,15 @@ fn is_rotation(camera: &Camera) -> bool {
 
 fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !sequence.has_depth() {
-        says.warnings.push(
-            "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/ if \
-             there are some, or have them estimated by a depth network when the recording is prepared."
-                .to_owned(),
-        );
+        // Only a folder of pictures has a place for them.
+        let own = match sequence.layout() {
+            Layout::Video | Layout::Dicom => "Have it",
+            _ => "Put depth maps into depth/ if there are some, or have them",
+        };
+        says.warnings.push(format!(
+            "There is no depth: the shape of the surface can only be guessed. {own} estimated by a depth network \
+             when the recording is prepared."
+        ));
         return "none".to_owned();
     }
     if let Some(about) = sequence.estimated_depth() {
@@ -312,8 +318,9 @@ fn masks(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if hidden > INVERTED_MASKS && !flipped.is_empty() {
         says.warnings.push(format!(
             "Masks hide {:.0} % of the frames on average; they are probably inverted. If so, write keep = \
-             \"{flipped}\" under [masks] in sequence.toml.",
-            100.0 * hidden
+             \"{flipped}\" under [masks] in {}.",
+            100.0 * hidden,
+            settings_name(sequence.path())
         ));
     }
     let empty: Vec<_> = (0..facts.len()).filter(|&i| facts[i].kept == Some(0.0)).collect();
@@ -377,8 +384,9 @@ fn strange_labels(facts: &[Facts], says: &mut Findings) {
         let limit = 100.0 * MOSTLY_UNKNOWN;
         says.warnings.push(format!(
             "More than {limit:.0} % of the pixels of the label pictures of {} are 255, which means unknown. If that is a class, \
-             write its other ids under [[classes]] in sequence.toml.",
-            name_frames(&frames)
+             write its other ids under [[classes]] in {}.",
+            name_frames(&frames),
+            settings_name(sequence.path())
         ));
     }
     let frames = frames_where(&|l| l.strangers > 0.0);

@@ -63,6 +63,7 @@ pub use layouts::Layout;
 pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
 pub use recording::{CameraSource, Keep};
+pub(crate) use settings::settings_name;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
     MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,

@@ -9,6 +9,7 @@ use super::{
     hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
     read, segmentation,
+    settings::settings_name,
     times::Gaps,
 };
 use crate::{
@@ -365,7 +366,8 @@ impl Recording {
     /// Keeps only the frames that `selection` names.
     pub(super) fn select(mut self, selection: &Selection) -> Result<Self> {
         let keep = selection.indices(self.frames.len()).map_err(|what| {
-            Error::input_at(&self.path, what, "Look at [frames] and [time] in sequence.toml.")
+            let hint = format!("Look at [frames] and [time] in {}.", settings_name(&self.path));
+            Error::input_at(&self.path, what, hint)
         })?;
         let mut frames: Vec<_> = self.frames.into_iter().map(Some).collect();
         self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
@@ -386,7 +388,10 @@ impl Recording {
             return Err(Error::input_at(
                 labels.paths().first().unwrap_or(&self.path.as_path()),
                 "there are label pictures but no class list says what they mean",
-                "Add labels.json beside the folder, or [[classes]] to sequence.toml.",
+                format!(
+                    "Add labels.json beside the folder, or [[classes]] to {}.",
+                    settings_name(&self.path)
+                ),
             ));
         }
         hidden::require_inside(&self.hidden, (self.width, self.height))

@@ -70,6 +70,12 @@ pub(super) fn own_file(path: &Path) -> PathBuf {
     }
 }
 
+/// Names the settings file of the recording `path` as messages do.
+pub(crate) fn settings_name(path: &Path) -> String {
+    let beside = if path.is_file() { " beside it" } else { "" };
+    format!("{}{beside}", read::file_name(&own_file(path)))
+}
+
 /// Returns the settings files of the recording `path`, existing or not: the user's, and the
 /// program's beside it.
 pub fn settings_files(path: &Path) -> [PathBuf; 2] {

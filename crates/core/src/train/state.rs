@@ -19,7 +19,7 @@ use crate::{
     prepare::Prepared,
     progress::Observer,
     raster::NEAR,
-    sequence::Sequence,
+    sequence::{Sequence, settings_name},
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -249,9 +249,10 @@ fn initial_gaussians(
                  not seen"
             ),
             if sequence.has_depth() {
-                "Give its depth in millimetres: set a larger `[depth] scale` in sequence.toml."
+                let place = settings_name(sequence.path());
+                format!("Give its depth in millimetres: set a larger `[depth] scale` in {place}.")
             } else {
-                "Give the places of its cameras in millimetres."
+                "Give the places of its cameras in millimetres.".to_owned()
             },
         ));
     }
@@ -274,8 +275,10 @@ fn initial_gaussians(
         return Err(Error::input_at(
             sequence.path(),
             "no pixel of the recording is to be supervised",
-            Remedy::CheckRecording
-                .after("Its masks are probably inverted: set `[masks] keep` in sequence.toml."),
+            Remedy::CheckRecording.after(format!(
+                "Its masks are probably inverted: set `[masks] keep` in {}.",
+                settings_name(sequence.path())
+            )),
         ));
     }
     Ok((gaussians, typical_depth))

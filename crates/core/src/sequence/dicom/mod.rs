@@ -20,6 +20,7 @@ use super::{
     read,
     recording::{FrameFiles, Recording, Selection},
     segmentation,
+    settings::settings_name,
 };
 use crate::{
     Error, Result,
@@ -85,8 +86,9 @@ fn open_objects(path: &Path, objects: Vec<Object>, selection: &Selection) -> Res
         [] => {}
         [only] => segmentation::add_labels(&mut recording, only)?,
         all => recording.notes.push(format!(
-            "There are {} segmentations here, and none is taken as labels. Name one under [labels] in sequence.toml.",
-            all.len()
+            "There are {} segmentations here, and none is taken as labels. Name one under [labels] in {}.",
+            all.len(),
+            settings_name(path)
         )),
     }
     Ok(recording)

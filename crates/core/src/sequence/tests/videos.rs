@@ -1,7 +1,7 @@
 //! Tests of videos, which are made here with the encoder and a small muxer.
 
 use super::*;
-use crate::reading::Pieces;
+use crate::{progress::unobserved, reading::Pieces};
 use openh264::{
     OpenH264API,
     encoder::{BitRate, Encoder, EncoderConfig, FrameType, IntraFramePeriod, RateControlMode},
@@ -45,6 +45,22 @@ pub(super) fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
     let square = |(&x, &y): (&u8, &u8)| (f64::from(x) - f64::from(y)).powi(2);
     let error = a.as_raw().iter().zip(b.as_raw()).map(square).sum::<f64>() / a.as_raw().len() as f64;
     10.0 * (255.0 * 255.0 / error.max(1e-9)).log10()
+}
+
+#[test]
+fn notes_on_a_video_name_the_settings_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let report = check(&Sequence::open(&path).unwrap(), &mut unobserved).unwrap();
+    let notes = report.warnings.join(" ");
+    assert!(notes.contains("[camera] in clip.mp4.toml beside it"), "{notes}");
+    assert!(!notes.contains("sequence.toml") && !notes.contains("depth/"), "{notes}");
+    std::fs::write(folder.path().join("clip.mp4.toml"), "[frames]\nfirst = 999\n").unwrap();
+    let error = message(Sequence::open(&path));
+    assert!(error.contains("[time] in clip.mp4.toml beside it"), "{error}");
+    let folder = Sequence::open(folder.path()).err().map(|e| e.to_string());
+    assert!(folder.is_none_or(|e| !e.contains("beside it")));
 }
 
 #[test]
