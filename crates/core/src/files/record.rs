@@ -184,6 +184,11 @@ pub(crate) fn is_taken(folder: &Path) -> bool {
     head(folder).is_some()
 }
 
+/// Returns the kind of the result that `folder` holds, if it holds one.
+pub(crate) fn kind_of_result(folder: &Path) -> Option<String> {
+    head(folder).filter(|head| !head.holds_outputs).map(|head| head.kind)
+}
+
 /// Returns the kind of the unfinished result that `folder` holds, if it holds one.
 pub fn unfinished_kind(folder: &Path) -> Option<String> {
     let head = head(folder).filter(|head| !head.complete && !head.holds_outputs);

@@ -14,7 +14,7 @@ use super::{
     recording::{Recording, Selection},
     video,
 };
-use crate::{Error, Result};
+use crate::{Error, Result, files::kind_of_result, prepare::Prepared};
 use std::path::Path;
 
 /// The folder layouts that are recognised, by content and never by name.
@@ -73,6 +73,11 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Record
 }
 
 fn not_a_recording(folder: &Path) -> Error {
+    let is_prepared = || Prepared::is_prepared(folder).then(|| "preparation".to_owned());
+    if let Some(kind) = kind_of_result(folder).or_else(is_prepared) {
+        let what = format!("this folder holds no frames: it is a {kind} that this program made");
+        return Error::input_at(folder, what, "Give the recording itself.");
+    }
     let inner = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut inner: Vec<_> = inner.filter(|p| read::holds(p, read::PICTURES)).collect();
     inner.sort_by(|a, b| read::natural_order(&read::file_name(a), &read::file_name(b)));

@@ -161,6 +161,15 @@ fn wrong_folders_are_named_plainly() {
     write_pictures(&at("video01"), &["0.png", "1.png"]);
     assert!(message(Sequence::open(folder.path())).contains("\"video01\""));
 
+    // Pictures inside a result of this program are no recording.
+    for (file, text) in [("prepared.json", "{}"), (".surgtpgs", "{\"surgtpgs\":\"preparation\"}\n")] {
+        std::fs::write(at(file), text).unwrap();
+        let error = message(Sequence::open(folder.path()));
+        assert!(error.contains("it is a preparation") && error.contains("Give the recording"), "{error}");
+        assert!(!error.contains("video01"), "{error}");
+        std::fs::remove_file(at(file)).unwrap();
+    }
+
     picture(9, 6, 0).save(at("video01/2.png")).unwrap();
     let error = message(Sequence::open(&at("video01")));
     assert!(error.contains("frame 2 is 9×6, the first is 8×6") && error.contains("2.png"), "{error}");
