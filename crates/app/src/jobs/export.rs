@@ -166,11 +166,19 @@ impl Chosen {
     }
 }
 
-/// Returns the record of how the files are made. Fails if the recorded frames are wanted and not at hand.
+/// Returns `true` if what is written depends on the recorded frames: if they are drawn, if marks follow them,
+/// or if a segmentation refers to them.
+fn needs_recording(engine: &Engine, options: &ExportOptions) -> bool {
+    let needs = |format: &Format| format.draws_pictures() || *format == Format::DicomSeg;
+    let is_original = options.source == PictureSource::Original;
+    is_original && (engine.marks().is_some() || options.formats.iter().any(needs))
+}
+
+/// Returns the record of how the files are made. Fails if the recorded frames are needed and not at hand.
 fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Result<Provenance> {
     let ExportRequest { scene, options, .. } = request;
     let wants_recording = options.source == PictureSource::Original;
-    if let (true, Some(why)) = (wants_recording, engine.recording_missing()) {
+    if let (true, Some(why)) = (needs_recording(engine, options), engine.recording_missing()) {
         return Err(not_at_hand(why));
     }
     if wants_recording {
@@ -209,7 +217,8 @@ fn source_references(engine: &Engine, options: &ExportOptions) -> Result<Option<
 /// Answers on recorded frames: the picture to mask, and the scores, smoothed over time if that is asked for.
 /// A frame that several answers need is rendered once.
 struct Answers {
-    source: PictureSource,
+    /// Pictures to mask; `None` if no format shows them.
+    source: Option<PictureSource>,
     /// Number of frames before and after a frame that count.
     reach: usize,
     /// Rendered pictures, if they are to be masked, and scores, one image per question; by frame.
@@ -218,7 +227,9 @@ struct Answers {
 
 impl Answers {
     fn new(options: &ExportOptions) -> Self {
-        Self { source: options.source, reach: options.clean_up.smooth_frames, known: BTreeMap::new() }
+        let shows_pictures = options.formats.iter().any(|format| format.draws_pictures());
+        let source = shows_pictures.then_some(options.source);
+        Self { source, reach: options.clean_up.smooth_frames, known: BTreeMap::new() }
     }
 
     /// Returns the picture and the scores of a frame.
@@ -230,7 +241,7 @@ impl Answers {
             if let Entry::Vacant(place) = self.known.entry(other) {
                 let view = engine.view(other)?;
                 let images = engine.render(&view, true)?;
-                let picture = (self.source == PictureSource::Reconstruction).then(|| {
+                let picture = (self.source == Some(PictureSource::Reconstruction)).then(|| {
                     let mut picture = images.to_rgb();
                     let identity = engine.scene().provenance.identity.as_ref();
                     blacken(&mut picture, identity.map_or(&[], |identity| identity.hidden()));
@@ -245,8 +256,9 @@ impl Answers {
             self.smoothed(frame)
         };
         let picture = match self.source {
-            PictureSource::Original => engine.original(frame)?,
-            PictureSource::Reconstruction => rendered,
+            Some(PictureSource::Original) => engine.original(frame)?,
+            Some(PictureSource::Reconstruction) => rendered,
+            None => scores.first().map(|s| RgbImage::new(s.width as u32, s.height as u32)),
         };
         Ok((picture.ok_or_else(|| not_at_hand(&format!("frame {frame} is missing")))?, scores))
     }
@@ -267,4 +279,38 @@ fn not_at_hand(why: &str) -> Error {
         format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
         Remedy::FindRecording,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{Negatives, asking_tests::unfinished_engine};
+    use surgtpgs_core::progress::unobserved;
+
+    #[test]
+    fn what_shows_no_picture_needs_no_recording() {
+        let mut engine = unfinished_engine();
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.safetensors");
+        engine.scene().save(&scene).unwrap();
+        let mut written = |formats: &[Format]| {
+            let question = Question::words("liver", Negatives::of(engine.settings()));
+            let request = ExportRequest {
+                scene: scene.clone(),
+                folder: folder.path().join("out"),
+                frames: vec![0, 1],
+                questions: ExportQuestion::with_standard_look(vec![question], 0.5),
+                marks: Vec::new(),
+                options: ExportOptions { formats: formats.to_vec(), ..Default::default() },
+                replace: true,
+                completes_same: false,
+            };
+            export(&mut engine, &request, &mut unobserved)
+        };
+        assert_eq!(written(&[Format::Binary, Format::Csv]).unwrap().files, 3);
+        for format in [Format::Overlay, Format::Cutout, Format::Video, Format::DicomSeg] {
+            let error = written(&[Format::Binary, format]).unwrap_err().to_string();
+            assert!(error.contains("not at hand"), "{error}");
+        }
+    }
 }

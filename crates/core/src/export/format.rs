@@ -169,6 +169,11 @@ impl Format {
         self.row().extension
     }
 
+    /// Returns `true` if its files show the pictures that are masked.
+    pub fn draws_pictures(self) -> bool {
+        matches!(self, Self::Cutout | Self::Overlay | Self::Video | Self::Gif | Self::Sheet)
+    }
+
     /// Returns `true` if there is one file per prompt, not one per frame.
     pub fn is_per_prompt(self) -> bool {
         self.row().files == Files::PerPrompt
