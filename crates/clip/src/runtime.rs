@@ -45,11 +45,11 @@ pub fn backend_name() -> &'static str {
     }
 }
 
-/// Libraries that were found but not used, with the reasons.
+/// Libraries that were found but not used, with the reasons; none before the first model is opened.
 pub fn backend_notes() -> &'static [String] {
-    match runtime() {
-        Ok(runtime) => &runtime.notes,
-        Err(_) => &[],
+    match RUNTIME.get() {
+        Some(Ok(runtime)) => &runtime.notes,
+        _ => &[],
     }
 }
 
@@ -101,8 +101,10 @@ fn about_operators(source: &ModelSource, message: &str) -> Option<(String, &'sta
     operators::explain(&model.ok()?, message, backend_name())
 }
 
+/// The backend, once it was started.
+static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
+
 fn runtime() -> Result<&'static Runtime> {
-    static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
     RUNTIME.get_or_init(start).as_ref().map_err(|cause| Error::Missing {
         what: format!("Text prompts and models are off: no ONNX backend could be started ({cause})"),
         hint: "Viewing and exports still work. Unset ORT_DYLIB_PATH to use the built-in backend".into(),

@@ -47,6 +47,15 @@ pub fn print_report(report: &impl serde::Serialize, text: &str, is_json: bool) -
     if is_json { print_json(report) } else { print(text) }
 }
 
+/// Says once which libraries that could run models were passed over, if a model was opened.
+pub fn say_backend_notes() {
+    static ARE_SAID: AtomicBool = AtomicBool::new(false);
+    let notes = surgtpgs_clip::backend_notes();
+    if !notes.is_empty() && !ARE_SAID.swap(true, Ordering::Relaxed) {
+        notes.iter().for_each(|note| say(&format!("note: {note}")));
+    }
+}
+
 /// Time between two lines about one stage, where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(60);
 

@@ -141,7 +141,9 @@ fn run_verb(cli: &Cli) -> Result<Exit> {
         let target = full_path(output);
         console::say(&one_line(&format!("{} is a link to {}", output.display(), target.display())));
     }
-    verb.run()
+    let exit = verb.run();
+    console::say_backend_notes();
+    exit
 }
 
 #[cfg(test)]

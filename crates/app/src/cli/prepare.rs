@@ -124,7 +124,7 @@ impl Run for PrepareArgs {
         }
         if self.runs_models() {
             say(&format!("models run on {}", surgtpgs_clip::backend_name()));
-            surgtpgs_clip::backend_notes().iter().for_each(|note| say(note));
+            console::say_backend_notes();
         }
         console::watch_interrupts();
         let options = self.options();
