@@ -120,11 +120,14 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
     }
 }
 
-/// Adds the verb `view` to a command line that is nothing but a path that exists. Verbs win over paths.
+/// Adds the verb `view` to a command line that is nothing but a path: something that exists, or that no verb
+/// looks like. Verbs win over paths.
 fn with_verb(mut args: Vec<OsString>) -> Vec<OsString> {
     if let [_, path] = &args[..] {
         let is_verb = path.to_str().is_some_and(|word| Cli::command().find_subcommand(word).is_some());
-        if !is_verb && Path::new(path).exists() {
+        let text = path.to_string_lossy();
+        let is_like_one = !text.starts_with('-') && text.contains(['/', '.', std::path::MAIN_SEPARATOR]);
+        if !is_verb && (is_like_one || Path::new(path).exists()) {
             args.insert(1, "view".into());
         }
     }
@@ -156,13 +159,17 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_exists_is_viewed_and_a_typing_error_is_not() {
+    fn a_path_is_viewed_and_a_typing_error_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let words = |word: &std::ffi::OsStr| with_verb(vec!["surgtpgs".into(), word.to_owned()]).len();
         assert_eq!(words(folder.path().as_os_str()), 3);
-        for word in ["trian", "--help", "/no/such", "train"] {
+        for word in ["trian", "--help", "train", "--no.such"] {
             assert_eq!(words(word.as_ref()), 2, "{word}");
         }
+        for path in ["/no/such", "./nothing.mp4", "nothing.mp4"] {
+            assert_eq!(words(path.as_ref()), 3, "{path}");
+        }
+        assert_eq!(run(["surgtpgs", "./nothing.mp4"]), Exit::WrongInput, "there is no such file");
         let typed = Cli::try_parse_from(with_verb(vec!["surgtpgs".into(), "trian".into()]));
         assert!(typed.is_err_and(|e| e.use_stderr()));
     }
