@@ -46,9 +46,9 @@ pub(super) struct ConvertArgs {
     /// The chapter of a long scene that a page or the released form shows, from 0
     #[arg(long, value_name = "K", conflicts_with_all = ["frame", "time", "frames", "quantize"])]
     chapter: Option<usize>,
-    /// Files in a folder
-    #[arg(long, value_enum, default_value_t = StillFormat::Ply)]
-    format: StillFormat,
+    /// Files in a folder [default: ply]
+    #[arg(long, value_enum)]
+    format: Option<StillFormat>,
     /// Write the deforming .ply of the released code, with its feature network as
     /// lang_deformation.safetensors beside it
     #[arg(long, conflicts_with_all = ["frame", "time", "frames"])]
@@ -112,7 +112,8 @@ enum Target {
     Scene,
     Reference,
     Still(StillFormat),
-    Folder,
+    /// A file for each frame.
+    Folder(StillFormat),
     Page,
 }
 
@@ -176,7 +177,7 @@ fn write(
         Target::Scene => write_scene(args, &scene, inputs, done),
         Target::Reference => write_reference(args, &scene, inputs, done),
         Target::Still(format) => write_still(args, &scene, *format, inputs, done),
-        Target::Folder => write_folder(args, &scene, inputs, done),
+        Target::Folder(format) => write_folder(args, &scene, *format, inputs, done),
         Target::Page => write_page(args, scene, inputs, done),
     }
 }
@@ -184,16 +185,8 @@ fn write(
 fn write_scene(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
     output.write_with(|file| scene.write(file, args.quantize))?;
-    done.gaussians = num_gaussians(scene)?;
+    done.gaussians = scene.num_gaussians()?;
     done.add_file(&args.output)
-}
-
-/// Returns the number of Gaussians of all chapters.
-fn num_gaussians(scene: &Scene) -> Result<usize> {
-    if scene.chapters.is_empty() {
-        return Ok(scene.gaussians.len());
-    }
-    scene.chapters.iter().map(|chapter| Ok(scene.of_chapter(chapter.index)?.gaussians.len())).sum()
 }
 
 fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
@@ -268,7 +261,13 @@ fn not_shown(what: &str) -> Error {
 }
 
 /// Writes frames into a folder. Those that no chapter shows are left out.
-fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+fn write_folder(
+    args: &ConvertArgs,
+    scene: &Scene,
+    format: StillFormat,
+    inputs: &Inputs,
+    done: &mut Conversion,
+) -> Result<()> {
     let frames = FrameRange::frames(args.frames, scene.num_frames())?;
     let (frames, missing): (Vec<usize>, Vec<usize>) =
         frames.into_iter().partition(|frame| scene.shows_frame(*frame));
@@ -280,12 +279,12 @@ fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut C
     let mut now = scene.at(scene.time(frames[0]))?;
     done.gaussians = now.gaussians.len();
     for (k, &frame) in frames.iter().enumerate() {
-        let name = format!("frame{frame:04}.{}", args.format.extension());
+        let name = format!("frame{frame:04}.{}", format.extension());
         if !now.is_at(scene.time(frame)) {
             now = scene.at(scene.time(frame))?;
             done.gaussians += now.gaussians.len();
         }
-        let bytes = still(&now, scene.time(frame), frame, args.format, done);
+        let bytes = still(&now, scene.time(frame), frame, format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
         view.count("converting", k + 1, frames.len());
@@ -320,7 +319,7 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         Some("spz") => Target::Still(StillFormat::Spz),
         Some("glb") => Target::Still(StillFormat::Glb),
         Some("html" | "htm") => Target::Page,
-        None => Target::Folder,
+        None => Target::Folder(args.format.unwrap_or(StillFormat::Ply)),
         Some(_) => {
             return Err(Error::input_at(
                 &args.output,
@@ -330,7 +329,14 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         }
     };
     let refuse = |what: &str, hint: &str| Err(Error::input(what, hint));
+    let own_form = match target {
+        Target::Still(format) | Target::Folder(format) => Some(format),
+        Target::Scene | Target::Reference | Target::Page => None,
+    };
     match target {
+        _ if args.format.is_some_and(|format| own_form != Some(format)) => {
+            refuse("the ending of OUT says its form", "Leave out --format, or give a folder as OUT.")
+        }
         Target::Scene if args.frame.is_some() || args.time.is_some() || args.frames.is_some() => {
             refuse("a scene file holds all times", "Leave out --frame, --time and --frames.")
         }
@@ -340,16 +346,18 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         Target::Still(_) if args.frames.is_some() => {
             refuse("one file holds one frame", "Give --frame, or a folder as OUT.")
         }
-        Target::Folder if args.frame.is_some() || args.time.is_some() => {
+        Target::Folder(_) if args.frame.is_some() || args.time.is_some() => {
             refuse("a folder holds a file per frame", "Give --frames, or a file as OUT.")
         }
-        Target::Scene | Target::Still(_) | Target::Folder | Target::Page if args.reference => {
+        Target::Scene | Target::Still(_) | Target::Folder(_) | Target::Page if args.reference => {
             refuse("the released code reads .ply files only", "Give a name that ends in .ply.")
         }
-        Target::Still(_) | Target::Folder | Target::Reference | Target::Page if args.quantize => {
+        Target::Still(_) | Target::Folder(_) | Target::Reference | Target::Page if args.quantize => {
             refuse("only scene files are quantised", "Give a name that ends in .safetensors.")
         }
-        Target::Scene | Target::Still(_) | Target::Folder | Target::Reference if !args.prompt.is_empty() => {
+        Target::Scene | Target::Still(_) | Target::Folder(_) | Target::Reference
+            if !args.prompt.is_empty() =>
+        {
             refuse("only pages show prompts", "Give a name that ends in .html.")
         }
         target => Ok(target),
@@ -360,6 +368,14 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     require_for(&Work::Scene(&args.input))?;
     let mut scene = Scene::load(&args.input)?;
     if let Some(path) = &args.like {
+        if Scene::is_own_file(&args.input) {
+            let what = "this is a scene, which holds all that --like gives";
+            return Err(Error::input_at(
+                &args.input,
+                what,
+                "Leave out --like, or give a .ply or .spz as IN.",
+            ));
+        }
         require_for(&Work::Scene(path))?;
         scene.complete_from(&Scene::load(path)?);
         if scene.provenance.held_out && scene.provenance.steps == 0 {
@@ -470,6 +486,22 @@ mod tests {
         }
         let args = args("scene small.safetensors");
         assert_eq!(part(&args, &Target::Scene, chapters(&[1])).unwrap().num_frames(), 9);
+    }
+
+    #[test]
+    fn options_that_would_change_nothing_are_refused() {
+        let refused = |line: &str| target(&args(line)).err().map(|e| e.to_string());
+        for line in ["in x.ply --format glb", "in x.safetensors --format ply", "in x.html --format glb"] {
+            assert!(refused(line).unwrap().contains("says its form"), "{line}");
+        }
+        for line in ["in x.glb --format glb", "in folder --format glb", "in folder"] {
+            assert_eq!(refused(line), None, "{line}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.safetensors");
+        ordinary(6).save(&scene).unwrap();
+        let line = format!("{0} out.ply --like {0}", scene.display());
+        assert!(open(&args(&line)).err().unwrap().to_string().contains("Leave out --like"));
     }
 
     #[test]
