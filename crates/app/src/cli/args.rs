@@ -6,7 +6,7 @@ use crate::{
     text::split_words,
 };
 use clap::{Args, ValueEnum, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use surgtpgs_clip::Provider;
 use surgtpgs_core::{
     Error, Result, relevancy::RelevancySettings, scene::Scene, segment::MaskSettings,
@@ -85,6 +85,18 @@ impl SceneArgs {
             say(&format!("note: {note}"));
         }
         Ok(engine)
+    }
+}
+
+/// Refuses to write a scene under the name of another form.
+pub(super) fn require_scene_name(path: &Path) -> Result<()> {
+    const OTHERS: [&str; 6] = ["ply", "spz", "glb", "gltf", "html", "htm"];
+    match path.extension() {
+        Some(ending) if OTHERS.iter().any(|other| ending.eq_ignore_ascii_case(other)) => {
+            let hint = "Give a name that ends in .safetensors; `surgtpgs convert` makes other forms of it.";
+            Err(Error::input_at(path, "a scene is not written in the form that this name says", hint))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -349,6 +361,19 @@ mod tests {
         assert_eq!(of_frames(0..8).unwrap(), "1 frame is shown by no chapter: 8");
         assert_eq!(of_frames(1..4).unwrap(), "6 frames are shown by no chapter: 0, 4–8");
         assert_eq!(not_shown_note(&stress::ordinary(3)), None);
+    }
+
+    #[test]
+    fn scenes_are_not_named_like_other_forms() {
+        for name in ["x.ply", "x.PLY", "x.spz", "x.glb", "x.html"] {
+            assert!(
+                require_scene_name(Path::new(name)).unwrap_err().to_string().contains("convert"),
+                "{name}"
+            );
+        }
+        for name in ["x.safetensors", "x", "x.scene"] {
+            require_scene_name(Path::new(name)).unwrap();
+        }
     }
 
     #[test]

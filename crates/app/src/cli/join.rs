@@ -1,7 +1,7 @@
 //! `surgtpgs join`: one scene from scenes of chapters.
 
 use super::{
-    args::not_shown_note,
+    args::{not_shown_note, require_scene_name},
     console::{print_report, say},
     verb::{Exit, Run},
 };
@@ -45,6 +45,7 @@ struct JoinReport {
 
 impl Run for JoinArgs {
     fn run(&self) -> Result<Exit> {
+        require_scene_name(&self.output)?;
         self.parts.iter().try_for_each(|part| require_for(&Work::Scene(part)))?;
         let scene = jobs::join(&self.parts)?;
         let stopped: Vec<_> =

@@ -1,7 +1,7 @@
 //! `surgtpgs train`: from a prepared folder or a recording to a scene file.
 
 use super::{
-    args::HideArgs,
+    args::{HideArgs, require_scene_name},
     console::{self, ProgressView, print_report, say},
     verb::{Exit, Run},
 };
@@ -182,6 +182,7 @@ impl Run for TrainArgs {
 
 /// Trains and saves the scene. A scene that is not finished was stopped by the user.
 pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
+    require_scene_name(&args.output)?;
     let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
     let inputs = material.inputs(&args.sequence);
     let checkpoint = jobs::checkpoint_path(&args.output);
