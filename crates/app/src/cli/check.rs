@@ -9,6 +9,7 @@ use super::{
 use crate::{
     jobs::{self, Material},
     memory::{LATENT_DIM, Work, require_for},
+    text::one_line,
 };
 use clap::Args;
 use std::path::PathBuf;
@@ -35,15 +36,10 @@ impl Run for CheckArgs {
                 let mut view = ProgressView::default();
                 jobs::check(material.sequence(), &mut |p| view.show(p))?
             }
-            Err(error) if self.json => unreadable(remedy::message(&error)),
+            Err(error) if self.json => unreadable(one_line(&remedy::message(&error))),
             Err(error) => return Err(error),
         };
-        let size = [report.width, report.height];
-        let report = Whole {
-            training_seconds: Quality::Standard.expected_seconds(report.frames, size, None),
-            scene_bytes: Quality::Standard.expected_bytes(report.frames, LATENT_DIM),
-            report,
-        };
+        let report = Whole::of(report);
         print_report(&report, &as_text(&report), self.json)?;
         Ok(if report.report.ok { Exit::Done } else { Exit::WrongInput })
     }
@@ -58,6 +54,16 @@ struct Whole {
     training_seconds: f64,
     /// Expected size of the scene file at most, bytes.
     scene_bytes: usize,
+}
+
+impl Whole {
+    fn of(report: CheckReport) -> Self {
+        let (frames, size) = (report.frames, [report.width, report.height]);
+        // Nothing comes of a recording that could not be read.
+        let scene_bytes = if frames > 0 { Quality::Standard.expected_bytes(frames, LATENT_DIM) } else { 0 };
+        let training_seconds = Quality::Standard.expected_seconds(frames, size, None);
+        Self { report, training_seconds, scene_bytes }
+    }
 }
 
 /// Returns the report on a recording that could not even be opened.
@@ -101,4 +107,15 @@ fn as_text(whole: &Whole) -> String {
         if report.ok { "This recording can be trained on." } else { "Training would be wrong." }.into(),
     );
     lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_expected_of_what_cannot_be_read() {
+        let whole = Whole::of(unreadable("there is nothing".into()));
+        assert_eq!((whole.scene_bytes, whole.training_seconds), (0, 0.0));
+    }
 }
