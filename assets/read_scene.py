@@ -190,6 +190,8 @@ class Scene:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("usage: python read_scene.py SCENE.safetensors [TIME [CHAPTER]]")
     scene = Scene(sys.argv[1], int(sys.argv[3]) if len(sys.argv) > 3 else 0)
     now = scene.at(float(sys.argv[2]) if len(sys.argv) > 2 else scene.times[0])
     camera = scene.cameras[0]

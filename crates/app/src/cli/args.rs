@@ -172,8 +172,8 @@ impl RelevancyArgs {
 /// Marks by hand.
 #[derive(Debug, Args)]
 pub(super) struct MarkArgs {
-    /// A file of marks on frames of the recording, or of annotations (COCO, CVAT, Label Studio, .seg.nrrd):
-    /// prompts find what they name, and marks of a class that the scene knows correct it
+    /// A file of marks on frames of the recording, or of annotations (COCO, CVAT, Label Studio, .seg.nrrd, DICOM
+    /// segmentations): prompts find what they name, and marks of a class that the scene knows correct it
     #[arg(long, value_name = "MARKS")]
     pub(super) marks: Option<PathBuf>,
 }

@@ -36,7 +36,7 @@ pub(super) struct PrepareArgs {
     #[arg(long)]
     labels: bool,
     /// As --labels, with the labels of a file of annotations instead of the recording's own: COCO, CVAT, Label
-    /// Studio or .seg.nrrd
+    /// Studio, .seg.nrrd or a DICOM segmentation
     #[arg(long, value_name = "FILE")]
     labels_from: Option<PathBuf>,
     /// Take features from marks by hand: a file of marks on some frames, or of annotations as for
