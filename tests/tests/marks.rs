@@ -68,8 +68,13 @@ fn words_find_what_was_marked_and_nothing_else() {
     };
     assert_eq!([found(0), found(1), found(2)], [Flow::FRAMES, Flow::FRAMES, 0], "{report}");
     assert_ne!(report["look_here"]["frame"], 5, "{report}");
-    let text = flow().run(&["query", scene, "--marks", &marks, "--prompt", "liver"]).ok().stdout;
-    assert!(text.contains("look here"), "{text}");
+    assert_eq!(
+        [0, 1, 2].map(|k| report["prompts"][k]["needs_mark"] == true),
+        [false, false, true],
+        "{report}"
+    );
+    let text = flow().run(&["query", scene, "--marks", &marks, "--prompt", "liver", "spaceship"]).ok().stdout;
+    assert!(text.contains("look here") && text.contains("cannot be looked for: mark it by hand"), "{text}");
 }
 
 #[test]

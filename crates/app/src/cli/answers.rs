@@ -1,7 +1,7 @@
 //! Answers to prompts, frame by frame.
 
 use super::console::ProgressView;
-use crate::engine::{Answer, Engine, Negatives, Question, Verdict};
+use crate::engine::{Answer, Engine, Negatives, Question, Verdict, absence};
 use std::path::PathBuf;
 use surgtpgs_core::{Result, marks::LookHere, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
 
@@ -32,6 +32,9 @@ pub(super) struct PromptAnswers {
     pub(super) certainty: f32,
     /// Reason, in a few words.
     pub(super) why: String,
+    /// `true` if only what is marked by hand can be looked for, and the words mean none of it.
+    #[serde(default)]
+    pub(super) needs_mark: bool,
     pub(super) frames: Vec<FrameAnswer>,
     /// Gaussians that the prompt found, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -103,7 +106,7 @@ impl PromptAnswers {
             }
             _ if total == 0 => "no chapter of the scene shows these frames".into(),
             _ if self.certainty > 0.5 => format!("on none of {total} frames ({why})"),
-            _ => format!("not in this recording ({why})"),
+            _ => format!("{} ({why})", absence(self.needs_mark)),
         }
     }
 }
@@ -120,6 +123,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
         nearest: answer.nearest.clone(),
         certainty: answer.certainty,
         why: answer.why.clone(),
+        needs_mark: answer.needs_mark,
         frames: Vec::with_capacity(frames.len()),
         gaussians: None,
     };

@@ -129,6 +129,7 @@ mod tests {
             source: None,
         };
         let prompt = PromptAnswers {
+            needs_mark: false,
             text: "liver".into(),
             answer: Verdict::Found,
             nearest: None,

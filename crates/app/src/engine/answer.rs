@@ -1,6 +1,9 @@
 //! Answers to prompts: it is here, it looks like something else, or it is not in this recording.
 
-use surgtpgs_core::{meaning::Meaning, sequence::Class};
+use surgtpgs_core::{
+    meaning::{Meaning, Reason},
+    sequence::Class,
+};
 
 /// Answer on a frame, or on several. Of a prompt that may be found, the frames decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -37,21 +40,40 @@ pub struct Answer {
     pub nearest: Option<String>,
     /// Reason, in a few words.
     pub why: String,
+    /// `true` if nothing can be said of the words: only what is marked by hand can be looked for, and they
+    /// mean none of it.
+    pub needs_mark: bool,
+}
+
+/// Says that words were not found, and that they may still be there if they need a mark.
+pub(crate) fn absence(needs_mark: bool) -> &'static str {
+    if needs_mark { "cannot be looked for: mark it by hand" } else { "not in this recording" }
 }
 
 impl Answer {
-    /// Says what `meaning` comes to among the known classes.
-    pub(super) fn new(meaning: &Meaning, known: &[(Class, Vec<f32>)]) -> Self {
-        let may_be_found = meaning.probability > 0.5;
+    /// Says what `meaning` comes to among the known classes. They `are_marked` if only marks name them.
+    pub(super) fn new(meaning: &Meaning, known: &[(Class, Vec<f32>)], are_marked: bool) -> Self {
+        let may_be_found = meaning.is_found();
         let nearest = meaning.nearest.filter(|_| !may_be_found).and_then(|k| known.get(k));
         let certainty = if meaning.classes.is_empty() { 0.0 } else { meaning.probability };
         let nearest = nearest.map(|(class, _)| class.name.clone());
-        Self { certainty, nearest, why: meaning.reason.to_string() }
+        let needs_mark = are_marked && !may_be_found && !matches!(meaning.reason, Reason::Negated);
+        let why = if needs_mark {
+            "only what is marked by hand can be looked for here".into()
+        } else {
+            meaning.reason.to_string()
+        };
+        Self { certainty, nearest, why, needs_mark }
     }
 
     /// The answer to an embedding that is compared as it is.
     pub(super) fn compared(why: &str) -> Self {
-        Self { certainty: 1.0, nearest: None, why: why.to_owned() }
+        Self { certainty: 1.0, nearest: None, why: why.to_owned(), needs_mark: false }
+    }
+
+    /// Says that nothing can be found.
+    pub(crate) fn absence(&self) -> &'static str {
+        absence(self.needs_mark)
     }
 
     /// Returns `true` if a score above `threshold` is possible.

@@ -204,7 +204,7 @@ impl Asking {
         embedding: &[f32],
     ) -> Result<Understood> {
         let meaning = self.meaning(scene, settings, question.text.trim(), embedding)?;
-        let answer = Answer::new(&meaning, &self.known);
+        let answer = Answer::new(&meaning, &self.known, scene.codec.is_none());
         let (meant, certainty) = match (&answer.nearest, meaning.nearest) {
             (Some(_), Some(nearest)) if question.shows_nearest => (vec![nearest], 1.0),
             _ => (meaning.classes, meaning.probability),

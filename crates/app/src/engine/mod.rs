@@ -28,6 +28,7 @@ mod outside;
 mod pending;
 mod question;
 
+pub(crate) use answer::absence;
 pub use answer::{Answer, Verdict};
 pub use layers::Motion;
 pub use machine::BackendChoice;

@@ -83,10 +83,10 @@ fn lines(shared: &Shared) -> Vec<Line<'_>> {
         let answer = finding.and_then(|f| f.answer.as_ref());
         let value = match found {
             Some(found) if found.area_px > 0 => format!("{} of the picture", percent(found.area_fraction)),
-            Some(_) if answer.is_some_and(|a| !a.may_be_found(prompt.threshold)) => {
-                "not in this recording".into()
-            }
-            Some(_) => "not on this frame".into(),
+            Some(_) => match answer.filter(|answer| !answer.may_be_found(prompt.threshold)) {
+                Some(answer) => answer.absence().into(),
+                None => "not on this frame".into(),
+            },
             None => "no answer".into(),
         };
         let text = match finding.and_then(|f| f.stand_in(prompt)) {

@@ -1,6 +1,6 @@
 //! The panel of prompts: the prompt box, one row per prompt, and the style of the overlay.
 
-use crate::engine::Answer;
+use crate::engine::{Answer, absence};
 use crate::viewer::{
     action::Action,
     command::Command,
@@ -18,7 +18,7 @@ use crate::viewer::{
     picture::{areas::Curve, found::Found, request::Finding},
     shared::Shared,
     state::content::{PREVIEW, Prompt},
-    text::percent,
+    text::{percent, sentence},
     theme,
 };
 use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
@@ -26,8 +26,6 @@ use surgtpgs_core::overlay::OverlayStyle;
 
 /// Message of a prompt that is known to the recording but not found on the frame.
 pub(crate) const NOTHING: &str = "Not on this frame";
-/// Message of a prompt that means nothing in the recording.
-pub(crate) const ABSENT: &str = "Not in this recording";
 /// Message of a prompt that has no answer yet.
 pub(crate) const ENCODING: &str = "Looking for it…";
 /// Message where prompts cannot be asked.
@@ -213,7 +211,7 @@ fn row_ui(
         } else if !shared.can_ask() && shared.awaits_reconstruction() {
             ("Waits for the reconstruction".to_owned(), theme::TEXT_WEAK)
         } else if !shared.can_ask() {
-            ("Cannot be looked for here".to_owned(), theme::TEXT_WEAK)
+            (sentence(absence(true)), theme::TEXT_WEAK)
         } else {
             state_text(finding, prompt.threshold)
         };
@@ -234,10 +232,12 @@ fn row_ui(
 
 /// Shows a switch that draws the class which is most like a prompt that means none.
 fn nearest_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt, finding: Option<&Finding>) {
-    let Some(class) = finding.and_then(|f| f.answer.as_ref()?.nearest.as_ref()) else { return };
+    let Some(answer) = finding.and_then(|f| f.answer.as_ref()) else { return };
+    let Some(class) = &answer.nearest else { return };
     let mut shows = prompt.shows_nearest;
     let label = RichText::new(format!("Show {class}, dashed")).font(theme::small());
-    let tip = format!("“{}” is not in this recording. This draws what is most like it: {class}", prompt.text);
+    let tip =
+        format!("“{}”: {}. This draws what is most like these words: {class}", prompt.text, answer.absence());
     if ui.checkbox(&mut shows, label).on_hover_text(tip).changed() {
         let id = prompt.id;
         actions.push(Action::edit(move |d| d.set_shows_nearest(id, shows)));
@@ -374,20 +374,25 @@ fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color
             let answer = finding.and_then(|f| f.answer.as_ref());
             let text = match answer.filter(|answer| !answer.may_be_found(threshold)) {
                 None => NOTHING.to_owned(),
-                Some(Answer { nearest: Some(class), .. }) => format!("{ABSENT}; looks like {class}"),
-                Some(_) => ABSENT.to_owned(),
+                Some(answer) => absent_text(answer, |class| format!("looks like {class}")),
             };
             (text, theme::AMBER)
         }
         Some(Ok(found)) => {
             let share = format!("{} of the picture", percent(found.area_fraction));
             let answer = finding.and_then(|f| f.answer.as_ref()).filter(|a| !a.may_be_found(threshold));
-            match answer.and_then(|answer| answer.nearest.as_ref()) {
-                Some(class) => (format!("{ABSENT}; {class} is {share}"), theme::AMBER),
+            match answer.filter(|answer| answer.nearest.is_some()) {
+                Some(answer) => (absent_text(answer, |class| format!("{class} is {share}")), theme::AMBER),
                 None => (share, theme::TEXT_WEAK),
             }
         }
     }
+}
+
+/// Says that nothing can be found, and what is told of the class that is most like the words.
+fn absent_text(answer: &Answer, tell: impl Fn(&str) -> String) -> String {
+    let absence = sentence(answer.absence());
+    answer.nearest.as_ref().map_or_else(|| absence.clone(), |class| format!("{absence}; {}", tell(class)))
 }
 
 fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {

@@ -1,5 +1,6 @@
 //! The picture in the middle: recorded, reconstructed, both, or depth; with zoom, wipe and turned views.
 
+use crate::engine::Answer;
 use crate::viewer::{
     action::Action,
     backend::Info,
@@ -11,7 +12,7 @@ use crate::viewer::{
         panes::{PaneView, panes},
         plates::Plates,
         probe,
-        prompts::{ABSENT, NOTHING},
+        prompts::NOTHING,
         room::Room,
         ruler::{self, Ruler},
         start, toast,
@@ -26,7 +27,7 @@ use crate::viewer::{
         view_mode::ViewMode,
         zoom::{Panes, Zoom},
     },
-    text::{percent, timecode},
+    text::{percent, sentence, timecode},
     theme,
 };
 use egui::{
@@ -375,11 +376,13 @@ fn notice(shared: &Shared, with_marks: bool) -> Option<(String, Color32)> {
     }
     let answers: Vec<_> = picture.findings.iter().filter_map(|f| f.outcome.as_ref().ok()).collect();
     let is_nothing = with_marks && !answers.is_empty() && answers.iter().all(|f| f.area_px == 0);
-    let is_absent = |(f, p): (&Finding, &AskedPrompt)| {
-        f.answer.as_ref().is_some_and(|answer| !answer.may_be_found(p.threshold))
+    let absence = |(f, p): (&Finding, &AskedPrompt)| {
+        f.answer.as_ref().filter(|answer| !answer.may_be_found(p.threshold)).map(Answer::absence)
     };
-    let all_absent = picture.findings.iter().zip(&picture.request.prompts).all(is_absent);
-    is_nothing.then(|| (if all_absent { ABSENT } else { NOTHING }.to_owned(), theme::AMBER))
+    let absences: Option<Vec<&str>> =
+        picture.findings.iter().zip(&picture.request.prompts).map(absence).collect();
+    let all_absent = absences.and_then(|all| all.first().map(|absence| sentence(absence)));
+    is_nothing.then(|| (all_absent.unwrap_or_else(|| NOTHING.to_owned()), theme::AMBER))
 }
 
 /// Describes the picture in words, for users who cannot see it.

@@ -112,12 +112,14 @@ impl FrameSource for Fake {
     }
     fn answers(&mut self, questions: &[Question]) -> Vec<Option<Answer>> {
         let answer = |question: &Question| {
+            let needs_mark = !self.info.has_features && self.marked(&question.text).is_none();
             let (certainty, nearest) = match question.text.as_str() {
+                _ if needs_mark => (0.0, None),
                 "spleen" => (0.0, Some("liver".to_owned())),
                 "banana" => (0.0, None),
                 _ => (1.0, None),
             };
-            Some(Answer { certainty, nearest, why: "it was made up".into() })
+            Some(Answer { certainty, nearest, why: "it was made up".into(), needs_mark })
         };
         questions.iter().map(answer).collect()
     }

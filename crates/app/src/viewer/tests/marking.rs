@@ -323,8 +323,15 @@ fn typed_words_find_what_is_marked_and_nothing_else() {
     window.click("Undo");
     assert_eq!((marks(&window).len(), share(&mut window, "tool")), (1, own));
     window.press(Key::Escape);
-    window.add_prompt("banana");
-    assert_eq!(share(&mut window, "banana"), 0.0);
+    window.type_prompt("grasper");
+    window.until_shown("Cannot be looked for: mark it by hand – Enter keeps it");
+    window.press(Key::Enter);
+    window.press(Key::Escape);
+    assert_eq!(share(&mut window, "grasper"), 0.0);
+    assert!(window.shows("Cannot be looked for: mark it by hand") && !window.shows("Not in this recording"));
+    let painted = painted(&window);
+    let in_legend = |words: &str| painted.iter().any(|text| text.contains(words));
+    assert!(in_legend("cannot be looked for: mark it by hand") && !in_legend("in this recording"));
     window.click("Suggestions");
     window.until_shown("Classes of this recording");
 }
@@ -403,6 +410,7 @@ fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them()
         window.add_prompt(words);
         assert_eq!(share(&mut window, words) > 0.0, is_found, "{words}");
     }
+    assert!(window.shows("Cannot be looked for: mark it by hand") && !window.shows("Not in this recording"));
 }
 
 #[test]
