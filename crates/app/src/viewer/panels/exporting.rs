@@ -37,7 +37,7 @@ fn running_ui(ui: &mut Ui, exporting: &Exporting) {
     if button.clicked() {
         task.cancel();
     }
-    let left = progress.seconds_left().map(|seconds| format!("about {} left", duration(seconds)));
+    let left = exporting.seconds_left().map(|seconds| format!("about {} left", duration(seconds)));
     ui.label(caption(left.unwrap_or_else(|| "estimating the time…".into())));
 }
 

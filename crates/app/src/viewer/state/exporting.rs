@@ -5,12 +5,41 @@ use crate::{
     jobs::ExportRequest,
     viewer::backend::{
         Backend,
-        task::{Task, TaskEvent},
+        task::{Progress, Task, TaskEvent},
     },
 };
 use egui::Context;
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Result, export::ExportSummary};
+
+/// Pace of an export. Work before its first frame, such as carrying marks, is no part of it.
+#[derive(Default)]
+struct Pace {
+    /// Frames that are left from an earlier export.
+    begun: Option<usize>,
+    /// Progress when the first frame was finished.
+    first: Option<Progress>,
+}
+
+impl Pace {
+    fn follow(&mut self, progress: &Progress) {
+        if progress.total > 0 && progress.done > *self.begun.get_or_insert(progress.done) {
+            self.first.get_or_insert_with(|| progress.clone());
+        }
+    }
+
+    /// Returns the seconds that the export will still take; `None` before there is a pace.
+    fn seconds_left(&self, progress: &Progress) -> Option<f64> {
+        let first = self.first.as_ref()?;
+        let since = Progress {
+            done: progress.done.saturating_sub(first.done),
+            total: progress.total.saturating_sub(first.done),
+            seconds: progress.seconds - first.seconds,
+            ..progress.clone()
+        };
+        since.seconds_left()
+    }
+}
 
 /// An export in the background.
 pub(crate) struct Exporting {
@@ -19,6 +48,7 @@ pub(crate) struct Exporting {
     pub(crate) folder: PathBuf,
     /// Result, once there is one.
     pub(crate) summary: Option<ExportSummary>,
+    pace: Pace,
 }
 
 impl Exporting {
@@ -30,7 +60,7 @@ impl Exporting {
     ) -> Self {
         let folder = request.folder.clone();
         let task = Task::start("export", ctx, move |task| backend.export(&request, &negatives, task));
-        Self { task, folder, summary: None }
+        Self { task, folder, summary: None, pace: Pace::default() }
     }
 
     /// Takes the result; returns an error that ended the export.
@@ -38,10 +68,34 @@ impl Exporting {
         if let Some(TaskEvent::Done(result)) = self.task.poll() {
             self.summary = Some(result?);
         }
+        self.pace.follow(&self.task.progress);
         Ok(())
     }
 
     pub(crate) fn is_running(&self) -> bool {
         self.summary.is_none()
+    }
+
+    /// Returns the seconds that it will still take; `None` before there is a pace.
+    pub(crate) fn seconds_left(&self) -> Option<f64> {
+        self.pace.seconds_left(&self.task.progress)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pace_is_that_of_frames_from_the_first_finished_one_on() {
+        let mut pace = Pace::default();
+        let mut left = |done, seconds| {
+            let progress = Progress { done, total: 60, seconds, ..Progress::default() };
+            pace.follow(&progress);
+            pace.seconds_left(&progress)
+        };
+        // Ten frames were there before, and marks were carried for 11 s.
+        assert_eq!([left(10, 0.0), left(11, 11.0), left(12, 11.5)], [None; 3]);
+        assert_eq!([left(21, 16.0), left(60, 35.5)], [Some(19.5), Some(0.0)]);
     }
 }
