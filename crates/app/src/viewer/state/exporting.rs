@@ -12,6 +12,9 @@ use egui::Context;
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Result, export::ExportSummary};
 
+/// Seconds within which closing the window again is the same wish, such as a key that is held down.
+const SAME_WISH: f64 = 1.0;
+
 /// Pace of an export. Work before its first frame, such as carrying marks, is no part of it.
 #[derive(Default)]
 struct Pace {
@@ -49,6 +52,8 @@ pub(crate) struct Exporting {
     /// Result, once there is one.
     pub(crate) summary: Option<ExportSummary>,
     pace: Pace,
+    /// Time at which the window was last asked to close, seconds.
+    close_asked: Option<f64>,
 }
 
 impl Exporting {
@@ -60,7 +65,7 @@ impl Exporting {
     ) -> Self {
         let folder = request.folder.clone();
         let task = Task::start("export", ctx, move |task| backend.export(&request, &negatives, task));
-        Self { task, folder, summary: None, pace: Pace::default() }
+        Self { task, folder, summary: None, pace: Pace::default(), close_asked: None }
     }
 
     /// Takes the result; returns an error that ended the export.
@@ -79,6 +84,19 @@ impl Exporting {
     /// Returns the seconds that it will still take; `None` before there is a pace.
     pub(crate) fn seconds_left(&self) -> Option<f64> {
         self.pace.seconds_left(&self.task.progress)
+    }
+
+    /// Returns `true` if it keeps the window from closing. Asked again within `seconds`, it stops instead.
+    pub(crate) fn holds_close(&mut self, now: f64, seconds: f64) -> bool {
+        if !self.is_running() || self.task.is_cancelling() {
+            return false;
+        }
+        let before = self.close_asked.replace(now);
+        let is_again = before.is_some_and(|before| (SAME_WISH..=seconds).contains(&(now - before)));
+        if is_again {
+            self.task.cancel();
+        }
+        !is_again
     }
 }
 

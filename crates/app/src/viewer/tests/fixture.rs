@@ -138,6 +138,7 @@ pub(super) struct FakeBackend {
     pub(super) is_disk_full: AtomicBool,
     /// `true` to end a training by itself.
     pub(super) is_trained: AtomicBool,
+    pub(super) is_export_slow: AtomicBool,
     /// Answer of the system's file dialog; without it, there is none.
     pub(super) picked: Mutex<Option<Picked>>,
 }
@@ -189,6 +190,9 @@ impl Backend for FakeBackend {
         task: &TaskContext,
     ) -> Result<ExportSummary> {
         task.progress("Exporting", 1, 1, String::new());
+        while self.is_export_slow.load(Ordering::Relaxed) && !task.is_cancelled() {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         self.exported.lock().unwrap().push((request.clone(), negatives.clone()));
         let (frames, prompts) = (request.frames.len(), request.questions.len());
         let files = num_files(&request.options.formats, frames, prompts);

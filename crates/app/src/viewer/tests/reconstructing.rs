@@ -240,6 +240,27 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
 }
 
 #[test]
+fn an_export_keeps_the_window_open_until_it_is_closed_again() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.backend.is_export_slow.store(true, Ordering::Relaxed);
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    window.click("Start export");
+    let pass = |window: &mut Window, seconds: usize| (0..60 * seconds).for_each(|_| window.harness.step());
+    assert!(!closes(&mut window) && !closes(&mut window), "a key that is held down asks twice");
+    window.harness.step();
+    assert!(window.shows("An export is running. Close the window again to stop it"));
+    pass(&mut window, 10);
+    assert!(!closes(&mut window), "the message is gone, and comes again");
+    pass(&mut window, 2);
+    assert!(
+        closes(&mut window)
+            && window.harness.state().shared.exporting.as_ref().is_some_and(|e| e.task.is_cancelling())
+    );
+}
+
+#[test]
 fn parts_outside_of_the_body_and_other_shots_are_left_out_at_a_click() {
     let mut window = Window::on(bare());
     let frames = window.harness.state().shared.info().unwrap().num_frames;

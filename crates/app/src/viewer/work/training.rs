@@ -3,7 +3,7 @@
 use crate::viewer::{
     backend::{FrameSource, TrainNews, TrainRequest, task::TaskEvent},
     shared::{Dialog, Shared},
-    state::{reconstruction::Training, view_mode::ViewMode},
+    state::{reconstruction::Training, toast::SHOWN_SECS, view_mode::ViewMode},
 };
 use egui::Context;
 use std::path::PathBuf;
@@ -114,15 +114,27 @@ impl Shared {
         }
     }
 
-    /// Delays closing the window until the scene is saved.
+    /// Delays closing the window: during an export until it is asked again, and until the scene is saved.
     pub(crate) fn hold_close(&mut self, now: f64, ctx: &Context) {
         let is_asked = ctx.input(|i| i.viewport().close_requested());
-        let Some(training) = self.reconstruction.training.as_mut().filter(|_| is_asked) else { return };
+        if is_asked && (self.is_held_by_export(now) || self.is_held_by_training(now)) {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+        }
+    }
+
+    fn is_held_by_export(&mut self, now: f64) -> bool {
+        let is_held = self.exporting.as_mut().is_some_and(|export| export.holds_close(now, SHOWN_SECS));
+        if is_held {
+            self.say("An export is running. Close the window again to stop it", None, now);
+        }
+        is_held
+    }
+
+    fn is_held_by_training(&mut self, now: f64) -> bool {
+        let Some(training) = &mut self.reconstruction.training else { return false };
         if !training.task.is_cancelling() {
             training.task.cancel();
         }
-        if now < *training.closing_since.get_or_insert(now) + CLOSES_AFTER {
-            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
-        }
+        now < *training.closing_since.get_or_insert(now) + CLOSES_AFTER
     }
 }
