@@ -123,21 +123,24 @@ fn memory_warning(available_bytes: u64) -> Option<String> {
 /// Shows the section of the right panel: an offer to reconstruct, or the progress.
 pub(crate) fn training_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     reconstructed_ui(ui, shared, actions);
-    let is_offered = shared.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
+    let is_bare = shared.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
+    let is_offered = is_bare && shared.will_find_words().is_none();
     let training = shared.reconstruction.training.as_ref();
     if training.is_none() && !is_offered {
         return;
     }
-    let is_about_shown = training.zip(shared.info()).is_some_and(|(t, info)| t.is_about(info));
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
-        match training {
-            Some(training) => {
-                progress_ui(ui, training, is_about_shown);
-                queue_ui(ui, shared, actions);
-            }
-            None => offer_ui(ui, shared, actions),
+        if let Some(training) = training {
+            progress_ui(ui, shared, training);
+            queue_ui(ui, shared, actions);
+        }
+        if training.is_some() && is_offered {
+            ui.separator();
+        }
+        if is_offered {
+            offer_ui(ui, shared, actions);
         }
     });
     ui.add_space(10.0);
@@ -174,8 +177,7 @@ fn offer_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Offers to open a finished reconstruction while something else is shown.
 fn reconstructed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let Some(scene) = &shared.reconstruction.finished else { return };
-    let name = scene.file_name().unwrap_or_default().to_string_lossy();
-    ui.label(format!("{name} is reconstructed."));
+    ui.label(format!("{} is reconstructed.", shared.path_name(scene)));
     ui.horizontal(|ui| {
         if ui.add(main_button("Open it")).clicked() {
             actions.push(Action::Open(scene.clone()));
@@ -187,11 +189,12 @@ fn reconstructed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.add_space(10.0);
 }
 
-fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
+fn progress_ui(ui: &mut Ui, shared: &Shared, training: &Training) {
     let progress = &training.task.progress;
-    let what = match training.recording.file_name() {
-        Some(name) if !is_about_shown => format!("Reconstructing {}", name.to_string_lossy()),
-        _ => "Reconstructing".into(),
+    let what = if shared.info().is_some_and(|info| training.is_about(info)) {
+        "Reconstructing".into()
+    } else {
+        format!("Reconstructing {}", shared.path_name(&training.recording))
     };
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
     ui.label(RichText::new(format!("{what}: {stage}")).strong());

@@ -33,8 +33,15 @@ pub(crate) struct Reconstruction {
 impl Reconstruction {
     /// Returns `true` if a recording is being reconstructed or waits for it.
     pub(crate) fn is_planned(&self, recording: &Path) -> bool {
-        let is_running = self.training.as_ref().is_some_and(|t| t.recording == recording);
-        is_running || self.queue.iter().any(|request| request.recording == recording)
+        self.will_find_words(recording).is_some()
+    }
+
+    /// Returns `true` if words will be found in a recording once it is reconstructed; `None` if that is not
+    /// planned.
+    pub(crate) fn will_find_words(&self, recording: &Path) -> Option<bool> {
+        let running = self.training.iter().map(|t| (&t.recording, t.finds_words));
+        let waiting = self.queue.iter().map(|request| (&request.recording, request.words != Words::Nothing));
+        running.chain(waiting).find(|(planned, _)| *planned == recording).map(|(_, finds_words)| finds_words)
     }
 
     /// Returns the scene files that are being made or will be.
@@ -81,6 +88,8 @@ pub(crate) struct Training {
     pub(crate) scene: PathBuf,
     /// Folder of what networks found so far, which stays; `None` without networks.
     pub(crate) features: Option<PathBuf>,
+    /// `true` if words will be found in the scene.
+    finds_words: bool,
     pub(crate) curve: LossCurve,
     backend: Arc<dyn Backend>,
     /// Available memory, bytes, and the time of that reading, seconds.
@@ -105,6 +114,7 @@ impl Training {
         let (theirs, recording, scene) = (backend.clone(), request.recording.clone(), request.scene.clone());
         let features = matches!(request.words, Words::Models(_)).then(|| request.features_folder());
         let whole = WholeWork::of(&request.words);
+        let finds_words = request.words != Words::Nothing;
         let quality = request.quality;
         let task = Task::start("training", ctx, move |task| theirs.reconstruct(&request, task));
         let curve = LossCurve::default();
@@ -114,6 +124,7 @@ impl Training {
             recording,
             scene,
             features,
+            finds_words,
             curve,
             backend,
             memory,

@@ -359,6 +359,28 @@ fn the_demo_is_opened_and_reconstructed_without_being_asked() {
 }
 
 #[test]
+fn a_training_of_the_demo_is_not_taken_for_that_of_the_own_recording() {
+    let recording = Info { has_reconstruction: false, has_features: false, ..scene() };
+    let sound = Checked { report: CheckReport { ok: true, ..CheckReport::default() }, can_flip: false };
+    let checked = Mutex::new(sound);
+    let mut window = Window::with(Arc::new(FakeBackend { info: recording, checked, ..Default::default() }));
+    let ctx = window.harness.ctx.clone();
+    let app = &mut window.harness.state_mut().shared;
+    app.preferences.is_acknowledged = true;
+    app.opening.demo_folder = Some("/data/demo".into());
+    app.open_demo(&ctx);
+    window.until(|app| app.reconstruction.training.is_some());
+    window.harness.state_mut().shared.open_path(Path::new("/data/own"), &ctx);
+    window.until_shown("This recording can be reconstructed");
+    window.until_shown("Reconstructing Demo: a made-up recording: training");
+    window.click("Reconstruct…");
+    window.click("Start after the others");
+    assert!(window.shows("Then own") && !window.shows("has not been reconstructed yet"));
+    window.click("Stop and keep what was learned");
+    window.until_shown("Demo: a made-up recording is reconstructed.");
+}
+
+#[test]
 fn whoever_opens_something_while_the_demo_is_made_keeps_it() {
     let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
     let ctx = window.harness.ctx.clone();

@@ -29,6 +29,12 @@ impl Shared {
         self.info().is_some_and(|i| !i.has_reconstruction)
     }
 
+    /// Returns `true` if the planned reconstruction of what is open will find words; `None` if there is none.
+    pub(crate) fn will_find_words(&self) -> Option<bool> {
+        let recording = self.info()?.recording.as_ref()?;
+        self.reconstruction.will_find_words(recording)
+    }
+
     /// Returns `true` if what is marked can be found: there is a reconstruction, and it is finished.
     pub(crate) fn carries_marks(&self) -> bool {
         self.info().is_some_and(|i| i.has_reconstruction) && !self.is_reconstructing()
