@@ -108,10 +108,11 @@ pub(super) fn is_counted(shared: &Shared) -> bool {
 
 /// Dismisses one thing, the topmost.
 pub(super) fn dismiss(shared: &mut Shared) {
-    let Viewport { probe, has_ruler, marking, .. } = &mut shared.viewport;
+    let Viewport { probe, marking, .. } = &mut shared.viewport;
     let is_done = shared.problem.take().is_some() || probe.take().is_some() || marking.draft.take().is_some();
     if !is_done {
-        (*has_ruler, marking.is_on) = (false, false);
+        shared.viewport.has_ruler = false;
+        shared.put_away_marking();
     }
 }
 

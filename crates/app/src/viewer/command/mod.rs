@@ -347,7 +347,7 @@ commands! {
         "Measure on the picture: drag from one point to another",
         when is_open, act |s, _| {
             s.viewport.has_ruler ^= true;
-            s.viewport.marking.is_on = false;
+            s.put_away_marking();
         };
     Mark: View, Viewport, [key(Key::S)], "Mark by hand",
         "Mark a structure on a frame; it is then found on all of them",

@@ -1,5 +1,6 @@
 //! The tool that marks are made with.
 
+use crate::viewer::state::content::PromptId;
 use surgtpgs_core::{marks::Mark, sequence::plain_words};
 
 /// Least and largest radius of clicks and strokes, px of the recording.
@@ -48,6 +49,8 @@ pub(crate) struct Marking {
     /// `true` if the field of the name is to have the focus.
     pub(crate) wants_name: bool,
     pub(crate) radius_px: f32,
+    /// Prompt that was selected when the tool was put away.
+    pub(crate) put_away_at: Option<PromptId>,
     /// Mark that is being drawn.
     pub(crate) draft: Option<Draft>,
 }
@@ -69,6 +72,7 @@ impl Default for Marking {
             name: String::new(),
             wants_name: false,
             radius_px: 8.0,
+            put_away_at: None,
             draft: None,
         }
     }

@@ -290,6 +290,22 @@ fn a_session_with_impossible_marks_brings_the_others() {
 }
 
 #[test]
+fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "liver");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.press(Key::S);
+    window.add_prompt("gallbladder");
+    let name = |window: &Window| window.harness.state().shared.viewport.marking.name.clone();
+    window.press(Key::S);
+    assert_eq!(name(&window), "gallbladder");
+    window.harness.state_mut().shared.viewport.marking.name = "fat".into();
+    window.press(Key::Escape);
+    window.press(Key::S);
+    assert_eq!(name(&window), "fat", "nothing else was selected");
+}
+
+#[test]
 fn the_window_goes_where_a_mark_would_help_most() {
     let mut window = Window::on(bare());
     assert!(!window.harness.state().shared.is_enabled(Command::LookHere));

@@ -69,14 +69,29 @@ impl Shared {
 
     /// Takes the tool for marking in hand, or puts it away.
     pub(crate) fn toggle_marking(&mut self) {
+        match self.viewport.marking.is_on {
+            true => self.put_away_marking(),
+            false => self.take_marking(),
+        }
+    }
+
+    /// Puts the tool for marking away, if it is in hand.
+    pub(crate) fn put_away_marking(&mut self) {
+        let marking = &mut self.viewport.marking;
+        if std::mem::take(&mut marking.is_on) {
+            (marking.draft, marking.put_away_at) = (None, self.document.selected);
+        }
+    }
+
+    /// Takes the tool for marking in hand. A prompt that was selected since it was put away is what is
+    /// marked.
+    pub(crate) fn take_marking(&mut self) {
         let selected = self.document.selected.and_then(|id| self.document.prompt(id));
         let name = selected.filter(|p| p.like.is_none()).map(|p| p.text.clone());
         let marking = &mut self.viewport.marking;
-        (marking.is_on, marking.draft) = (!marking.is_on, None);
-        if !marking.is_on {
-            return;
-        }
-        if let Some(name) = name.filter(|_| marking.name.is_empty()) {
+        let is_new = marking.name.is_empty() || self.document.selected != marking.put_away_at;
+        (marking.is_on, marking.draft) = (true, None);
+        if let Some(name) = name.filter(|_| is_new) {
             marking.name = name;
         }
         marking.wants_name = marking.name.is_empty();
