@@ -46,12 +46,15 @@ pub(super) fn can_save_marks(shared: &Shared) -> bool {
     can_pick(shared) && !shared.document.marks().is_empty() && is_open(shared)
 }
 
-/// Goes to the frame where one more mark would help most.
+/// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
     let counts = |frame: usize| !shared.document.is_excluded(frame);
     if let Some(frame) = shared.areas().and_then(|areas| areas.look_here(counts)).map(|here| here.frame) {
         shared.playback.pause();
         shared.playback.seek(frame, given.now);
+        if !shared.viewport.marking.is_on {
+            shared.take_marking();
+        }
     }
 }
 

@@ -39,18 +39,17 @@ pub(crate) struct Drawing {
 }
 
 impl Drawing {
-    /// Paints the marks of the shown frame over every pane, and the tool where it is in use.
+    /// Paints the tool and the marks of the shown frame over every pane. Marks hide tissue, and are painted
+    /// only while the tool is in use.
     pub(crate) fn ui(&mut self, ui: &Ui, shared: &Shared, panes: &[PaneView]) {
-        let Some(frame) = shown_frame(shared) else { return };
+        let Some(frame) = shown_frame(shared).filter(|_| shared.viewport.marking.is_on) else { return };
         self.update(shared, frame);
         for pane in panes {
             let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
             if let Some((_, texture)) = &self.painted {
                 texture.paint(&painter, pane.picture);
             }
-            if shared.viewport.marking.is_on {
-                paint_tool(ui, &painter, shared, pane, frame);
-            }
+            paint_tool(ui, &painter, shared, pane, frame);
         }
     }
 

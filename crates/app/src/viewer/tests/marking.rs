@@ -306,6 +306,23 @@ fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
 }
 
 #[test]
+fn marks_are_painted_while_the_tool_is_in_use() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    share(&mut window, "tool");
+    // Pictures of the recording, and that of the marks.
+    let pictures = |window: &Window| {
+        let shapes = &window.harness.output().shapes;
+        shapes.iter().filter(|clipped| matches!(clipped.shape, egui::Shape::Callback(_))).count()
+    };
+    let with_marks = pictures(&window);
+    window.press(Key::S);
+    window.harness.step();
+    assert_eq!(pictures(&window), with_marks - 1);
+}
+
+#[test]
 fn the_window_goes_where_a_mark_would_help_most() {
     let mut window = Window::on(bare());
     assert!(!window.harness.state().shared.is_enabled(Command::LookHere));
@@ -313,8 +330,10 @@ fn the_window_goes_where_a_mark_would_help_most() {
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     window.harness.step();
-    window.click("Look here");
+    window.press(Key::S);
+    window.press_with(Modifiers::SHIFT, Key::S);
     assert_eq!(window.frame(), 17);
+    assert!(window.harness.state().shared.viewport.marking.is_on, "the tool shows the ring");
     window.until_shown("The ring is around what is least sure");
     window.until_picture(|p| p.request.view.frame == 17);
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
