@@ -190,10 +190,13 @@ fn lacks_opposite(shared: &Shared) -> bool {
 
 /// Says that marks wait for a reconstruction.
 fn waits_ui(ui: &mut Ui, shared: &Shared) {
-    let text = if shared.is_reconstructing() {
-        "What you marked is found on every frame as soon as the reconstruction is ready."
-    } else {
-        "What you marked is found on every frame once this recording is reconstructed: press Reconstruct."
+    let made_before = shared.info().is_some_and(|info| info.made_before.is_some());
+    let text = match shared.will_find_words() {
+        Some(_) => "What you marked is found on every frame as soon as the reconstruction is ready.",
+        None if made_before => "What you marked is found on every frame once you open the reconstruction.",
+        None => {
+            "What you marked is found on every frame once this recording is reconstructed: press Reconstruct."
+        }
     };
     ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     ui.add_space(4.0);

@@ -134,6 +134,15 @@ fn preview_ui(ui: &mut Ui, shared: &Shared) {
     });
 }
 
+/// Says in a row why words have no answer yet, or will have none.
+fn unanswered_text(shared: &Shared) -> String {
+    match shared.will_find_words() {
+        Some(true) => "Waits for the reconstruction".into(),
+        None if shared.awaits_reconstruction() => "Looked for once this recording is reconstructed".into(),
+        _ => sentence(absence(true)),
+    }
+}
+
 /// Says how words come to be found, where they are not yet.
 fn unanswered_ui(ui: &mut Ui, shared: &Shared) {
     let Some(info) = shared.info() else { return };
@@ -141,6 +150,9 @@ fn unanswered_ui(ui: &mut Ui, shared: &Shared) {
         ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
     }
     let advice = match (info.has_reconstruction, info.has_labels) {
+        _ if shared.will_find_words() == Some(false) => {
+            "It is being reconstructed without labels and networks: no words will be found in it."
+        }
         (false, true) if shared.is_reconstructing() => {
             "Words are found in it as soon as the first preview is there."
         }
@@ -208,10 +220,8 @@ fn row_ui(
             ("Hidden".to_owned(), theme::TEXT_WEAK)
         } else if is_marked && shared.has_waiting_marks() {
             (WAITS.to_owned(), theme::TEXT_WEAK)
-        } else if !shared.can_ask() && shared.awaits_reconstruction() {
-            ("Waits for the reconstruction".to_owned(), theme::TEXT_WEAK)
         } else if !shared.can_ask() {
-            (sentence(absence(true)), theme::TEXT_WEAK)
+            (unanswered_text(shared), theme::TEXT_WEAK)
         } else {
             state_text(finding, prompt.threshold)
         };

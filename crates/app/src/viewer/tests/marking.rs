@@ -222,6 +222,17 @@ fn marks_wait_for_a_reconstruction_and_answer_when_it_is_there() {
 }
 
 #[test]
+fn marks_on_a_recording_that_was_reconstructed_before_wait_until_that_is_opened() {
+    let made_before = Some("/data/clip.safetensors".into());
+    let mut window =
+        Window::on(Info { has_reconstruction: false, has_features: false, made_before, ..scene() });
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.harness.step();
+    assert!(window.shows("once you open the reconstruction") && !window.shows("press Reconstruct"));
+}
+
+#[test]
 fn marks_are_saved_opened_and_part_of_the_session() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("clip-marks.json");

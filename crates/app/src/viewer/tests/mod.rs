@@ -223,19 +223,32 @@ fn prompts_wait_for_the_reconstruction() {
         Window::on(Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() });
     assert!(!window.shows(NO_FEATURES), "nothing is wrong yet");
     window.type_at_once("/liver\nfat\n");
-    assert!(window.shows("Waits for the reconstruction"));
+    assert!(window.shows("Looked for once this recording is reconstructed"));
     let typed = |app: &Shared| app.document.prompts().iter().map(|p| p.text.clone()).collect::<Vec<_>>();
     assert_eq!(typed(&window.harness.state().shared), ["liver", "fat"]);
     window.press_with(Modifiers::COMMAND, Key::R);
     window.harness.step();
     window.harness.step();
     window.click("Start");
+    assert!(window.shows("Waits for the reconstruction"));
     window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
     window.click("Stop and keep what was learned");
     window.until(|app| !app.is_reconstructing() && app.opening.underway.is_none());
     window.until_picture(|p| p.findings.len() == 2);
     assert!(!window.shows("Waits for the reconstruction"));
     assert_eq!(typed(&window.harness.state().shared), ["liver", "fat"]);
+}
+
+#[test]
+fn words_wait_for_no_reconstruction_that_cannot_find_them() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..scene() });
+    window.add_prompt("banana");
+    window.press_with(Modifiers::COMMAND, Key::R);
+    window.harness.step();
+    window.harness.step();
+    window.click("Start");
+    window.until_shown("Cannot be looked for: mark it by hand");
+    assert!(window.shows("no words will be found in it") && !window.shows("Waits for the reconstruction"));
 }
 
 #[test]
