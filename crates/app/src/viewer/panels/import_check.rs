@@ -1,12 +1,16 @@
 //! Check of a recording: its content, and faults that would make a reconstruction of it wrong. The recording
 //! is read in the background once it is open.
 
-use crate::viewer::{action::Action, backend::Checked, panels::widgets::caption, shared::Shared, theme};
-use egui::{CollapsingHeader, Frame, Margin, RichText, ScrollArea, Ui};
+use crate::viewer::{
+    action::Action,
+    backend::{Checked, task::Progress},
+    panels::widgets::caption,
+    shared::Shared,
+    text::{sentence, thousands},
+    theme,
+};
+use egui::{CollapsingHeader, Frame, Margin, RichText, Ui};
 use surgtpgs_core::sequence::CheckReport;
-
-/// Largest height of the report; the rest is scrolled to.
-const MAX_HEIGHT: f32 = 260.0;
 
 /// Shows the report of a recording that is not reconstructed.
 pub(crate) fn import_check_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
@@ -16,13 +20,7 @@ pub(crate) fn import_check_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Ac
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
         match &check.outcome {
-            None => {
-                let progress = &check.task.progress;
-                ui.label(caption(format!(
-                    "Checking the recording: {} of {} frames",
-                    progress.done, progress.total
-                )));
-            }
+            None => drop(ui.label(caption(progress_text(&check.task.progress)))),
             Some(Err(problem)) => {
                 ui.label(RichText::new(problem).font(theme::small()).color(theme::ERROR));
             }
@@ -30,6 +28,16 @@ pub(crate) fn import_check_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Ac
         }
     });
     ui.add_space(10.0);
+}
+
+/// Says how far the check is: its stage, and how much of that is done if it has parts.
+fn progress_text(progress: &Progress) -> String {
+    let Progress { stage, done, total, .. } = progress;
+    let stage = if stage.is_empty() { "Checking the recording".into() } else { sentence(stage) };
+    match total {
+        0 | 1 => format!("{stage}…"),
+        _ => format!("{stage}: {} of {}", thousands(*done), thousands(*total)),
+    }
 }
 
 /// Shows the report. What makes a reconstruction wrong is shown at once, the rest when it is asked for.
@@ -52,11 +60,9 @@ fn report_ui(ui: &mut Ui, shared: &Shared, checked: &Checked, actions: &mut Vec<
     let title = RichText::new(title).font(theme::small()).color(colour);
     let details = CollapsingHeader::new(title).id_salt(("things to know", report.ok));
     details.default_open(!report.ok).show(ui, |ui| {
-        ScrollArea::vertical().max_height(MAX_HEIGHT).show(ui, |ui| {
-            report.warnings.iter().for_each(|text| line(ui, text, theme::AMBER));
-            contents_ui(ui, report);
-            ui.label(caption("Numbers of frames count from 0 here, as in files."));
-        });
+        report.warnings.iter().for_each(|text| line(ui, text, theme::AMBER));
+        contents_ui(ui, report);
+        ui.label(caption("Numbers of frames count from 0 here, as in files."));
     });
     leave_out_ui(ui, shared, report, actions);
     let tip = "What the masks hide is kept, and what they keep is hidden, from now on. This is kept in a file beside \
@@ -118,6 +124,16 @@ fn contents_ui(ui: &mut Ui, report: &CheckReport) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_check_says_what_it_does_and_counts_what_has_parts() {
+        let text = |stage: &str, done, total| {
+            progress_text(&Progress { stage: stage.into(), done, total, ..Progress::default() })
+        };
+        assert_eq!(text("", 0, 0), "Checking the recording…");
+        assert_eq!(text("checking", 39, 63), "Checking: 39 of 63");
+        assert_eq!(text("finding the scope's path", 0, 1), "Finding the scope's path…");
+    }
 
     #[test]
     fn other_shots_are_all_that_is_before_and_after() {
