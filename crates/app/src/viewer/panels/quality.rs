@@ -216,6 +216,9 @@ fn evaluation_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
     .inner
 }
 
+/// Name of the PSNR of frames that training saw, beside that of frames that were held out.
+const TRAINING_PSNR: &str = "PSNR of training frames";
+
 fn pictures_ui(ui: &mut Ui, report: &EvalReport) {
     let depth = report.depth.map(|d| format!("{:.2} scene units ({:.1} %)", d.rmse, 100.0 * d.abs_rel));
     let db = |value: Option<f64>| value.map(|v| format!("{v:.2} dB"));
@@ -231,17 +234,14 @@ fn pictures_ui(ui: &mut Ui, report: &EvalReport) {
             db(report.flow_psnr_db),
             "PSNR of the frames before and after, each moved half way by optical flow",
         ),
-        (
-            "PSNR of training frames",
-            db(report.train_psnr_db),
-            "How well the frames are learned that training saw",
-        ),
+        (TRAINING_PSNR, db(report.train_psnr_db), "How well the frames are learned that training saw"),
         ("PSNR, whole picture", db(report.psnr_db), "Instruments, which are not reconstructed, count too"),
         ("SSIM", share(report.ssim), "How alike the structures of both pictures are, 0 to 1"),
         ("Depth error", depth, "Root of the mean square, and the mean share of the depth"),
     ];
     Grid::new("pictures").num_columns(2).spacing([18.0, 4.0]).show(ui, |ui| {
-        for (name, value, tip) in rows {
+        // Where nothing was held out, the first row says it already.
+        for (name, value, tip) in rows.into_iter().filter(|row| report.held_out || row.0 != TRAINING_PSNR) {
             ui.label(name).on_hover_text(tip);
             ui.label(value.unwrap_or_else(|| "unknown".into()));
             ui.end_row();

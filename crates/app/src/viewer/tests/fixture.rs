@@ -207,7 +207,9 @@ impl Backend for FakeBackend {
         if scene.ends_with("gone") {
             return Err(Error::input("the recording is not at hand", "Put it back."));
         }
-        Ok(Evaluation::example())
+        let mut evaluation = Evaluation::example();
+        evaluation.report.held_out &= !scene.ends_with("all-learned");
+        Ok(evaluation)
     }
     fn check_models(&self, _: &Models, task: &TaskContext) -> Result<ModelFaults> {
         task.progress("trying", 1, 1, String::new());

@@ -30,6 +30,21 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
 }
 
 #[test]
+fn the_psnr_of_training_frames_is_told_beside_that_of_others_alone() {
+    let mut window = Window::on(scene());
+    let ctx = window.harness.ctx.clone();
+    for (scene, is_told) in [("/data/clip.safetensors", true), ("/data/all-learned", false)] {
+        window.harness.state_mut().shared.open_path(Path::new(scene), &ctx);
+        window.until(|app| app.info().is_some_and(|i| i.path == Path::new(scene)));
+        window.press_with(Modifiers::COMMAND, Key::M);
+        window.until_shown("A blend of the frames around");
+        assert_eq!(window.shows("PSNR of training frames"), is_told, "{scene}");
+        window.press(Key::Escape);
+        window.harness.step();
+    }
+}
+
+#[test]
 fn what_cannot_be_measured_is_said_and_nothing_is_kept_of_another_recording() {
     let mut window = Window::on(scene());
     let ctx = window.harness.ctx.clone();
