@@ -109,6 +109,11 @@ pub(super) fn is_counted(shared: &Shared) -> bool {
     shared.selected_curve().is_some_and(|curve| curve.is_complete())
 }
 
+/// Returns `true` if these areas are known and something is found.
+pub(super) fn is_found(shared: &Shared) -> bool {
+    shared.selected_curve().is_some_and(|curve| curve.is_complete() && curve.first().is_some())
+}
+
 /// Dismisses one thing, the topmost.
 pub(super) fn dismiss(shared: &mut Shared) {
     let Viewport { probe, marking, .. } = &mut shared.viewport;

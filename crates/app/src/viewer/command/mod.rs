@@ -14,8 +14,8 @@ use crate::viewer::{
 use acts::{
     Given, always, can_ask, can_compare, can_pick, can_reconstruct, can_save_marks, centre_orbit, copy_areas,
     dismiss, exclude, full_screen, go_to_bookmark, go_to_found, has_picture, has_reconstruction,
-    is_bookmarked, is_counted, is_open, look_here, magnify_time, pick, shuttle, switch, takes_prompts,
-    what_to_open,
+    is_bookmarked, is_counted, is_found, is_open, look_here, magnify_time, pick, shuttle, switch,
+    takes_prompts, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -255,13 +255,13 @@ commands! {
         when is_open, act |s, _| exclude(s);
     FirstFound: Time, Viewport, [shift(Key::Home)], "First frame where it is found",
         "Go to the first frame on which the selected prompt is found",
-        when is_counted, act |s, g| go_to_found(s, g, Curve::first);
+        when is_found, act |s, g| go_to_found(s, g, Curve::first);
     LargestFound: Time, Viewport, [key(Key::P)], "Frame where it is largest",
         "Go to the frame on which the selected prompt is largest",
-        when is_counted, act |s, g| go_to_found(s, g, Curve::largest);
+        when is_found, act |s, g| go_to_found(s, g, Curve::largest);
     LastFound: Time, Viewport, [shift(Key::End)], "Last frame where it is found",
         "Go to the last frame on which the selected prompt is found",
-        when is_counted, act |s, g| go_to_found(s, g, Curve::last);
+        when is_found, act |s, g| go_to_found(s, g, Curve::last);
     Bookmark: Time, Viewport, [key(Key::M)], "Bookmark",
         "Mark this frame",
         when |s| is_open(s) && !is_bookmarked(s), act |s, _| s.document.toggle_bookmark(s.playback.frame());

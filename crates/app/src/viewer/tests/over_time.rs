@@ -60,6 +60,9 @@ fn a_prompt_that_is_nowhere_leads_nowhere() {
     window.add_prompt("nothing");
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     assert!(window.shows("nothing: found on no frame"));
+    let leads = |command| window.harness.state().shared.is_enabled(command);
+    assert!([Command::FirstFound, Command::LargestFound, Command::LastFound].map(leads) == [false; 3]);
+    assert!(leads(Command::CopyAreas));
     window.press(Key::ArrowRight);
     window.press(Key::P);
     assert_eq!(window.frame(), 1);
