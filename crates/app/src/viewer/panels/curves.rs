@@ -22,6 +22,7 @@ pub(crate) fn paint(
     }
     let top = curves.iter().map(|(.., c)| c.top()).fold(0.0, f32::max);
     let inner = rect.shrink2(egui::vec2(0.0, 4.0));
+    let mut numbers = Vec::new();
     let y = |share: f32| inner.bottom() - inner.height() * share / top.max(f32::MIN_POSITIVE);
     for (number, prompt, curve) in curves {
         let is_selected = shared.document.selected == Some(prompt.id);
@@ -33,7 +34,7 @@ pub(crate) fn paint(
             painter.add(Shape::line(part, Stroke::new(if is_selected { 2.0 } else { 1.3 }, colour)));
         }
         if let Some(frame) = curve.largest().filter(|frame| rect.x_range().contains(x(*frame))) {
-            number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour);
+            numbers.push(number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour));
         }
     }
     let text = match curves.iter().all(|(.., c)| c.is_complete()) {
@@ -43,8 +44,19 @@ pub(crate) fn paint(
     };
     let galley = painter.layout_no_wrap(text, FontId::proportional(12.0), theme::TEXT_WEAK);
     let plate = Align2::RIGHT_TOP.anchor_size(rect.right_top() + egui::vec2(-5.0, 2.0), galley.size());
+    let plate = beside(plate, &numbers, rect.left() + 5.0);
     painter.rect_filled(plate.expand(2.0), 3.0, theme::PLATE);
     painter.galley(plate.min, galley, theme::TEXT_WEAK);
+}
+
+/// Moves a plate to the left of the numbers in its way, as far as there is room.
+fn beside(plate: Rect, numbers: &[Rect], left: f32) -> Rect {
+    const APART: f32 = 4.0;
+    let mut place = plate;
+    while let Some(number) = numbers.iter().find(|number| number.intersects(place.expand(APART))) {
+        place = place.translate(egui::vec2(number.left() - APART - 1.0 - place.right(), 0.0));
+    }
+    if place.left() < left { plate } else { place }
 }
 
 /// Splits a curve into lines over known frames that follow each other, or are near enough while it is
@@ -72,16 +84,14 @@ fn fill(painter: &Painter, line: &[Pos2], bottom: f32, colour: Color32) {
 }
 
 /// Paints the prompt's number at its largest area, so that colour is not the only difference between curves.
-fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [u8; 3]) {
+/// Returns its place.
+fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [u8; 3]) -> Rect {
     let size = egui::vec2(15.0, 15.0);
     let room = within.shrink2(size / 2.0);
     let centre = at.clamp(room.min, room.max);
-    crate::viewer::panels::widgets::swatch(
-        painter,
-        Rect::from_center_size(centre, size),
-        colour,
-        &number.to_string(),
-    );
+    let place = Rect::from_center_size(centre, size);
+    crate::viewer::panels::widgets::swatch(painter, place, colour, &number.to_string());
+    place
 }
 
 /// Describes the curves in words.
@@ -99,4 +109,21 @@ pub(crate) fn describe(curves: &[(usize, Prompt, Curve)]) -> String {
         }
     };
     format!("Area over time. {}", curves.iter().map(one).collect::<Vec<_>>().join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plate_gives_way_to_numbers_as_far_as_there_is_room() {
+        let rect = |left: f32, right: f32| Rect::from_x_y_ranges(left..=right, 0.0..=12.0);
+        let plate = rect(300.0, 400.0);
+        let numbers = [rect(280.0, 295.0), rect(390.0, 405.0), rect(20.0, 35.0)];
+        assert_eq!(beside(plate, &numbers[2..], 0.0), plate);
+        let place = beside(plate, &numbers, 0.0);
+        assert!(place.right() < 280.0 && place.width() == 100.0, "{place:?}");
+        assert!(!numbers.iter().any(|number| number.intersects(place)));
+        assert_eq!(beside(plate, &numbers, 250.0), plate, "there is no room");
+    }
 }
