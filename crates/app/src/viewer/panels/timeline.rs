@@ -103,7 +103,9 @@ fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
         paint(ui, rect, &response);
         hover_ui(shared, response, &scale);
     };
-    if has_thumbnails(shared, room) {
+    let curves = shared.curves();
+    let rows = Rows::of(shared, room, curves.len());
+    if rows.has_thumbnails {
         row(ui, thumbnails::HEIGHT_PX as f32, &mut |ui, rect, _| paint_thumbnails(ui, shared, rect, &scale));
     }
     row(ui, 30.0, &mut |ui, rect, response| {
@@ -112,17 +114,14 @@ fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
         paint_bar(ui, shared, bar, &scale, response.hovered() || response.dragged());
         focus_ring(ui.painter(), bar, response);
     });
-    if !shared.document.phases().is_empty() && !room.is_low() {
+    if rows.has_phases {
         row(ui, lanes::PHASES_HEIGHT, &mut |ui, rect, response| {
             lanes::paint_phases(ui.painter(), shared, rect, &scale);
             let words = lanes::describe_phases(shared);
             response.widget_info(|| WidgetInfo::labeled(egui::Role::GraphicsDocument, true, &words));
         });
     }
-    let curves = shared.curves();
-    // A first mark must not move the picture under the next one.
-    let is_awaited = shared.viewport.marking.is_on && shared.carries_marks();
-    if (is_awaited || !curves.is_empty()) && !room.is_low() {
+    if rows.has_curves {
         row(ui, lanes::height(curves.len().max(1)), &mut |ui, rect, _| {
             lanes::paint_found(ui.painter(), &curves, rect, &scale);
         });
@@ -138,7 +137,7 @@ fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
     if shared.viewport.span.is_some() && shared.viewport.span_frame != frame {
         actions.push(Action::TimeSpan(scale.following(frame)));
     }
-    if let Some(wanted) = wanted_thumbnails(shared, &scale, room) {
+    if let Some(wanted) = rows.has_thumbnails.then(|| wanted_thumbnails(shared, &scale)).flatten() {
         actions.push(Action::Thumbnails(wanted));
     }
 }
@@ -222,9 +221,31 @@ fn paint_bar(ui: &Ui, shared: &Shared, line: Rect, scale: &TimeScale, is_hot: bo
     painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
 }
 
-/// Returns `true` if there is room and something for small pictures.
-fn has_thumbnails(shared: &Shared, room: Room) -> bool {
-    !room.is_low() && shared.info().is_some_and(|info| info.has_original)
+/// Rows beside the bar that there is something and room for.
+struct Rows {
+    has_thumbnails: bool,
+    has_phases: bool,
+    has_curves: bool,
+}
+
+impl Rows {
+    fn of(shared: &Shared, room: Room, num_curves: usize) -> Self {
+        const APART: f32 = 6.0;
+        let mut left = room.below_picture(shared.preferences.panel_width);
+        let mut takes = |is_wanted: bool, height: f32| {
+            let is_shown = is_wanted && height + APART <= left;
+            left -= if is_shown { height + APART } else { 0.0 };
+            is_shown
+        };
+        // A first mark must not move the picture under the next one.
+        let is_awaited = shared.viewport.marking.is_on && shared.carries_marks();
+        // Those that tell most come first.
+        let has_curves =
+            takes(is_awaited || num_curves > 0, lanes::height(num_curves.max(1)) + APART + curves::HEIGHT);
+        let has_phases = takes(!shared.document.phases().is_empty(), lanes::PHASES_HEIGHT);
+        let has_original = shared.info().is_some_and(|info| info.has_original);
+        Self { has_curves, has_phases, has_thumbnails: takes(has_original, thumbnails::HEIGHT_PX as f32) }
+    }
 }
 
 /// Returns the places of small pictures from left to right, each with the frame in its middle.
@@ -242,8 +263,8 @@ fn slots(shared: &Shared, scale: &TimeScale) -> Vec<(Rect, usize)> {
 }
 
 /// Returns the frames whose small pictures are missing and have not been asked for.
-fn wanted_thumbnails(shared: &Shared, scale: &TimeScale, room: Room) -> Option<Vec<usize>> {
-    let open = shared.open.as_ref().filter(|_| has_thumbnails(shared, room))?;
+fn wanted_thumbnails(shared: &Shared, scale: &TimeScale) -> Option<Vec<usize>> {
+    let open = shared.open.as_ref()?;
     let frames: Vec<usize> = slots(shared, scale).into_iter().map(|(_, frame)| frame).collect();
     let missing = open.thumbnails.missing(&frames);
     let is_new = missing.iter().any(|frame| !open.wanted.contains(frame));

@@ -160,6 +160,21 @@ fn a_scene_with_and_without_prompts_holds() {
 }
 
 #[test]
+fn the_picture_keeps_its_room_where_text_is_large() {
+    let mut window = with_prompts(3);
+    let mut shown = |size: [f32; 2]| {
+        window.harness.set_size(size.into());
+        (0..STEPS).for_each(|_| window.harness.step());
+        let panes = &window.harness.state().shared.viewport.panes;
+        (panes.0[0].0.height(), window.shows("Area over time"))
+    };
+    // 1280 × 800 with text of 100 and of 168 percent.
+    let ((large, has_curves), (small, has_small_curves)) = (shown([1280.0, 800.0]), shown([762.0, 476.0]));
+    assert!(large > 400.0 && has_curves, "{large}");
+    assert!(small > 190.0 && !has_small_curves, "{small}");
+}
+
+#[test]
 fn every_entry_of_every_menu_can_be_reached() {
     let mut window = with_prompts(1);
     window.harness.set_size(vec2(900.0, 600.0) / 2.0);
