@@ -166,7 +166,7 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 }
 
 /// Share of the picture from which on a structure probably takes what is not of it.
-const LARGE: f32 = 0.4;
+const LARGE: f32 = 0.25;
 
 /// Returns `true` if something is marked that the recording has no class for, nothing says what it is not,
 /// and it is alone or found nearly everywhere.
