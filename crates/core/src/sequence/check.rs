@@ -346,7 +346,7 @@ fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     }
     let labelled: Vec<_> = facts.iter().filter_map(|f| f.labels.as_ref()).collect();
     let unknown = mean(labelled.iter().map(|l| l.unknown));
-    strange_labels(facts, says);
+    strange_labels(sequence, facts, says);
     let occurrences = sequence.classes().iter().filter_map(|class| {
         let frames = labelled.iter().filter(|l| l.present[usize::from(class.id)]).count();
         (frames > 0).then(|| format!("{} ({frames})", class.name))
@@ -363,7 +363,7 @@ fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
 }
 
 /// Warns about label pictures that were not read in the ordinary way, or not completely.
-fn strange_labels(facts: &[Facts], says: &mut Findings) {
+fn strange_labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) {
     let frames_where = |test: &dyn Fn(&LabelFacts) -> bool| -> Vec<usize> {
         (0..facts.len()).filter(|&i| facts[i].labels.as_ref().is_some_and(test)).collect()
     };
