@@ -53,6 +53,7 @@ use super::{
 use crate::{
     Error, Result,
     camera::Camera,
+    dicom::is_dicom,
     reading::{is_present, read_text},
 };
 use serde::{Deserialize, Serialize};
@@ -70,10 +71,13 @@ pub(super) fn own_file(path: &Path) -> PathBuf {
     }
 }
 
-/// Names the settings file of the recording `path` as messages do.
+/// Names the settings file of the recording `path` as messages do. Names of DICOM files may be those of patients.
 pub(crate) fn settings_name(path: &Path) -> String {
-    let beside = if path.is_file() { " beside it" } else { "" };
-    format!("{}{beside}", read::file_name(&own_file(path)))
+    match path.is_file() {
+        true if is_dicom(path) => "the file of its name with .toml added, beside it".into(),
+        true => format!("{} beside it", read::file_name(&own_file(path))),
+        false => read::file_name(&own_file(path)),
+    }
 }
 
 /// Returns the settings files of the recording `path`, existing or not: the user's, and the

@@ -5,7 +5,7 @@ use crate::viewer::{
     command::Command,
     panels::widgets::{dialog, main_button},
     shared::{DEMO, Shared},
-    state::session::Session,
+    state::{autosave::Left, session::Session},
     theme,
 };
 use egui::{Context, Frame, Margin, RichText, Ui};
@@ -43,7 +43,8 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     }
     let saving = &shared.saving;
     let is_wanted = !saving.is_recovery_put_off && saving.to_apply.is_none();
-    let Some(left) = saving.autosave.left.first().filter(|_| is_wanted) else { return };
+    let is_here = |left: &&Left| shared.is_about_open(&left.session);
+    let Some(left) = saving.autosave.left.iter().find(is_here).filter(|_| is_wanted) else { return };
     let what = summary(shared, &left.session);
     let file = left.session.opened.display().to_string();
     let (answer, is_closed) = dialog(ctx, "recovery", 480.0, |ui| {
@@ -66,10 +67,7 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     match answer {
         (true, ..) => actions.push(Action::Restore(left.id)),
         (_, _, true) => actions.push(Action::Discard(left.id)),
-        // A click beside the question answers nothing.
-        (_, is_later, _) if is_later || (is_closed && ctx.input(|i| i.key_pressed(egui::Key::Escape))) => {
-            actions.push(Action::RestoreLater)
-        }
+        (_, is_later, _) if is_later || is_closed => actions.push(Action::RestoreLater),
         _ => {}
     }
 }

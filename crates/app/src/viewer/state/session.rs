@@ -10,6 +10,8 @@ use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook, rea
 
 /// The extension of session files.
 pub(crate) const EXTENSION: &str = "surgtpgs";
+/// Number of session files of a folder that are looked at.
+const MOST_LOOKED_AT: usize = 100;
 /// Version that is written, and the newest that can be read. New fields do not need a new version, because
 /// unknown fields are kept.
 const VERSION: u32 = 1;
@@ -124,6 +126,18 @@ impl Session {
             return Err(not_a_session("it names a session in place of a recording".into()));
         }
         Ok(session)
+    }
+
+    /// Returns the newest session file in a folder that is about a recording with these frames, and the session.
+    pub(crate) fn newest_in(folder: &Path, frames_sha256: &str) -> Option<(PathBuf, Self)> {
+        let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let mut files: Vec<PathBuf> = files.filter(|path| Self::is_file(path)).collect();
+        let saved = |file: &PathBuf| std::fs::metadata(file).and_then(|about| about.modified()).ok();
+        files.sort_by_cached_key(|file| std::cmp::Reverse(saved(file)));
+        files.into_iter().take(MOST_LOOKED_AT).find_map(|file| {
+            let session = Self::load(&file).ok()?;
+            (session.recording.as_deref() == Some(frames_sha256)).then_some((file, session))
+        })
     }
 
     /// Writes a session file.

@@ -187,7 +187,11 @@ fn work_whose_recording_is_gone_is_kept_until_it_is_back() {
     window.until(|_| folder.path().join("1.surgtpgs").exists());
     window.harness.state_mut().shared.saving.is_recovery_put_off = false;
     (0..2).for_each(|_| window.harness.step());
-    window.click("Restore");
+    assert!(!window.shows("Your last work was not saved"), "it is about another recording");
+    let ctx = window.harness.ctx.clone();
+    let shared = &mut window.harness.state_mut().shared;
+    let id = shared.saving.autosave.left[0].id;
+    shared.restore(id, &ctx);
     window.until(|app| app.problem.is_some());
     assert!(!window.shows("Your last work was not saved"), "not at once again");
     assert_eq!(window.harness.state().shared.document.bookmarks().len(), 1, "what was open stays");
@@ -275,6 +279,29 @@ fn a_saved_session_opens_as_it_was_and_needs_no_recovery() {
     assert_eq!(window.harness.state().shared.playback.range(), before.content.range);
     assert!(!window.harness.state().shared.is_unsaved());
     assert_eq!(window.harness.state().shared.preferences.recent, [file]);
+}
+
+#[test]
+fn saved_work_comes_back_with_its_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |frames: &str| Info {
+        frames_sha256: Some(frames.into()),
+        output_folder: folder.path().into(),
+        ..scene()
+    };
+    let mut window = Window::on(of("one"));
+    window.press(Key::M);
+    let file = folder.path().join("review.surgtpgs");
+    window.harness.state_mut().shared.write_session(&file, 0.0);
+    std::fs::write(folder.path().join("broken.surgtpgs"), "{").unwrap();
+    drop(window);
+    for (frames, is_back) in [("one", true), ("two", false)] {
+        let window = Window::on(of(frames));
+        let shared = &window.harness.state().shared;
+        assert_eq!(shared.document.bookmarks().len(), usize::from(is_back), "{frames}");
+        assert_eq!(shared.saving.saved.file, is_back.then(|| file.clone()));
+        assert_eq!(window.shows("Your saved work on this recording is back: review.surgtpgs"), is_back);
+    }
 }
 
 #[test]

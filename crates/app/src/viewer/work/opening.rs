@@ -175,10 +175,15 @@ impl Shared {
             Some(ToApply { origin: Origin::File(file), .. }) => file,
             _ => path,
         });
-        let is_back = self.saving.to_apply.is_none() && self.bring_back(path);
+        let is_asked = self.saving.to_apply.is_some();
+        let is_back = !is_asked && self.bring_back(path);
+        let saved = if is_asked || is_back { None } else { self.bring_saved(path) };
         self.apply_session(0.0);
+        let now = ctx.input(|i| i.time);
         if is_back {
-            self.say("Your work on this recording is back", None, ctx.input(|i| i.time));
+            self.say("Your work on this recording is back", None, now);
+        } else if let Some(name) = saved {
+            self.say(format!("Your saved work on this recording is back: {name}"), None, now);
         }
         let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
         if let Some(request) = request.filter(|_| self.reconstruction.training.is_none()) {

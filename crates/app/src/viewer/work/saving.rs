@@ -40,6 +40,14 @@ impl Shared {
         })
     }
 
+    /// Returns `true` if a session is about what is open.
+    pub(crate) fn is_about_open(&self, session: &Session) -> bool {
+        self.info().is_some_and(|info| {
+            let is_same = session.recording.is_some() && session.recording == info.frames_sha256;
+            is_same || session.opened == info.path
+        })
+    }
+
     /// Opens the scene or recording of a session; the session itself is applied once that is open.
     pub(crate) fn open_session(&mut self, session: Session, origin: Origin, ctx: &Context) {
         let opened = session.opened.clone();
@@ -78,6 +86,22 @@ impl Shared {
             self.saving.is_recovery_put_off = false;
         }
         brings
+    }
+
+    /// Takes the session that was saved last beside what was opened at `path`, if nothing is decided yet, to
+    /// apply it. Returns its name.
+    pub(crate) fn bring_saved(&mut self, path: &Path) -> Option<String> {
+        let info = &self.open.as_ref()?.info;
+        let is_fresh = self.saving.saved.file.is_none() && !self.is_unsaved();
+        let frames = info.frames_sha256.as_deref().filter(|_| is_fresh)?;
+        let (file, session) = Session::newest_in(&info.output_folder, frames)?;
+        if self.saving.autosave.recall(path).is_some() {
+            // There is later work, which is offered.
+            return None;
+        }
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.saving.to_apply = Some(ToApply { session, origin: Origin::File(file) });
+        Some(name)
     }
 
     /// Applies a session whose scene or recording has just been opened.

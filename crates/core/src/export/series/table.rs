@@ -54,10 +54,10 @@ impl<R: Rows> FrameTable<R> {
 impl<R: Rows> Series for FrameTable<R> {
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
         self.last.resize(frame.masks.len(), None);
-        let is_shown = frame.is_shown();
         for (((prompt, mask), scores), last) in frame.found().zip(frame.scores).zip(&mut self.last) {
-            let region = Region::of(scores, mask);
-            let here = region.centroid_px;
+            let region = frame.is_shown().then(|| Region::of(scores, mask));
+            let region = region.as_ref();
+            let here = region.and_then(|region| region.centroid_px);
             let moved = last.zip(here).map(|([x0, y0], [x, y])| (x - x0).hypot(y - y0));
             *last = here.or(*last);
             self.rows.push(&TableRow {
@@ -65,15 +65,15 @@ impl<R: Rows> Series for FrameTable<R> {
                 time_s: frame.provenance.seconds(frame.frame),
                 shown_time_s: frame.provenance.shown_seconds(frame.frame),
                 prompt: &prompt.text,
-                area_px: is_shown.then_some(region.area_px),
-                area_fraction: is_shown.then_some(region.area_fraction),
-                mean_score: region.mean_score,
-                max_score: is_shown.then_some(region.max_score),
+                area_px: region.map(|region| region.area_px),
+                area_fraction: region.map(|region| region.area_fraction),
+                mean_score: region.and_then(|region| region.mean_score),
+                max_score: region.map(|region| region.max_score),
                 centroid_x_px: here.map(|[x, _]| x),
                 centroid_y_px: here.map(|[_, y]| y),
                 moved_px: moved,
                 source: frame.provenance.source(frame.frame),
-                answer: if is_shown { prompt.answer(region.area_px > 0) } else { "not_shown" },
+                answer: region.map_or("not_shown", |region| prompt.answer(region.area_px > 0)),
             })?;
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! Tests of every layout, in tiny folders.
 
 use super::*;
+use crate::files::{Claim, Inputs, OutputFolder};
 use glam::Vec3;
 
 #[test]
@@ -162,13 +163,17 @@ fn wrong_folders_are_named_plainly() {
     assert!(message(Sequence::open(folder.path())).contains("\"video01\""));
 
     // Pictures inside a result of this program are no recording.
-    for (file, text) in [("prepared.json", "{}"), (".surgtpgs", "{\"surgtpgs\":\"preparation\"}\n")] {
-        std::fs::write(at(file), text).unwrap();
-        let error = message(Sequence::open(folder.path()));
+    let inputs = Inputs::none();
+    let result = OutputFolder::claim(&at("result"), Claim::new("preparation", &inputs, false)).unwrap();
+    write_pictures(&result.path().join("regions"), &["0.png"]);
+    result.finish().unwrap();
+    std::fs::write(at("prepared.json"), "{}").unwrap();
+    for folder in [folder.path(), &at("result")] {
+        let error = message(Sequence::open(folder));
         assert!(error.contains("it is a preparation") && error.contains("Give the recording"), "{error}");
-        assert!(!error.contains("video01"), "{error}");
-        std::fs::remove_file(at(file)).unwrap();
+        assert!(!error.contains("video01") && !error.contains("regions"), "{error}");
     }
+    std::fs::remove_file(at("prepared.json")).unwrap();
 
     picture(9, 6, 0).save(at("video01/2.png")).unwrap();
     let error = message(Sequence::open(&at("video01")));

@@ -56,11 +56,6 @@ fn notes_on_a_video_name_the_settings_beside_it() {
     let notes = report.warnings.join(" ");
     assert!(notes.contains("[camera] in clip.mp4.toml beside it"), "{notes}");
     assert!(!notes.contains("sequence.toml") && !notes.contains("depth/"), "{notes}");
-    std::fs::write(folder.path().join("clip.mp4.toml"), "[frames]\nfirst = 999\n").unwrap();
-    let error = message(Sequence::open(&path));
-    assert!(error.contains("[time] in clip.mp4.toml beside it"), "{error}");
-    let folder = Sequence::open(folder.path()).err().map(|e| e.to_string());
-    assert!(folder.is_none_or(|e| !e.contains("beside it")));
 }
 
 #[test]
