@@ -71,7 +71,8 @@ pub(super) fn own_file(path: &Path) -> PathBuf {
     }
 }
 
-/// Names the settings file of the recording `path` as messages do. Names of DICOM files may be those of patients.
+/// Names the settings file of the recording `path` as messages do. Names of DICOM files may be those of
+/// patients.
 pub(crate) fn settings_name(path: &Path) -> String {
     match path.is_file() {
         true if is_dicom(path) => "the file of its name with .toml added, beside it".into(),
