@@ -368,7 +368,7 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     require_for(&Work::Scene(&args.input))?;
     let mut scene = Scene::load(&args.input)?;
     if let Some(path) = &args.like {
-        if Scene::is_own_file(&args.input) {
+        if Scene::provenance_of(&args.input).is_some() {
             let what = "this is a scene, which holds all that --like gives";
             return Err(Error::input_at(
                 &args.input,
