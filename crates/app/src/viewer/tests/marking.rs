@@ -373,6 +373,7 @@ fn typed_words_find_what_is_marked_and_nothing_else() {
     window.until_shown("Cannot be looked for: mark it by hand – Enter keeps it");
     window.press(Key::Enter);
     window.press(Key::Escape);
+    window.until_found();
     assert_eq!(share(&mut window, "grasper"), 0.0);
     assert!(window.shows("Cannot be looked for: mark it by hand") && !window.shows("Not in this recording"));
     let painted = painted(&window);
@@ -456,6 +457,7 @@ fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them()
         window.add_prompt(words);
         assert_eq!(share(&mut window, words) > 0.0, is_found, "{words}");
     }
+    window.until_found();
     assert!(window.shows("Cannot be looked for: mark it by hand") && !window.shows("Not in this recording"));
 }
 
