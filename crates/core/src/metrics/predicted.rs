@@ -457,7 +457,7 @@ mod tests {
             Grid::from_vec(32, 24, (0..32 * 24).map(|i| if found(i % 32) { 0.9 } else { 0.1 }).collect());
         let scores = vec![scores; how.prompts.len()];
         // Dark and bright tissue, and black.
-        let picture = image::RgbImage::from_fn(32, 24, |x, _| image::Rgb([(x as u8) * 12; 3]));
+        let picture = image::RgbImage::from_fn(32, 24, |x, _| image::Rgb([8 * x as u8; 3]));
         let mut export = Export::begin(folder.path(), vec![9], how, false).unwrap();
         export.write(&picture, &scores, None).unwrap();
         export.finish().unwrap();
