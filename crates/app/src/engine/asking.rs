@@ -185,11 +185,21 @@ impl Asking {
                 let nearest = nearest_class(scene, &embedding).into_iter().collect();
                 (query.among(&self.classes, nearest), Answer::compared("like a point of the picture"))
             }
-            None if self.known.is_empty() => {
-                let (rivals, allies) = self.concepts_beside(scene, &[(text, &embedding)])?;
-                (query.among(&rivals, allies), Answer::compared("compared with all that it could mean"))
+            None if !scene.classes.is_empty() || scene.codec.is_none() => {
+                return self.among_classes(scene, settings, question, query, &embedding);
             }
-            None => return self.among_classes(scene, settings, question, query, &embedding),
+            None => {
+                let (rivals, allies) = self.concepts_beside(scene, &[(text, &embedding)])?;
+                let compared = query.clone().among(&rivals, allies);
+                // Where nothing but marks has names, features answer all other words.
+                if !self.known.is_empty() {
+                    let marked = self.among_classes(scene, settings, question, query, &embedding)?;
+                    if !marked.meant.is_empty() {
+                        return Ok(Understood { query: compared, ..marked });
+                    }
+                }
+                (compared, Answer::compared("compared with all that it could mean"))
+            }
         };
         Ok(Understood { query, answer, meant: Vec::new() })
     }

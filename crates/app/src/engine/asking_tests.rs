@@ -84,6 +84,22 @@ fn other_words_for_a_class_find_what_its_name_finds() {
 }
 
 #[test]
+fn features_without_classes_answer_words_that_no_mark_has() {
+    let mut scene = Scene::clone(engine(&NAMES, &[]).scene());
+    scene.classes.clear();
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
+    let before = ask(&mut engine, "gallbladder").0;
+    let asked = engine.queries().to_vec();
+    assert!(before.may_be_found(0.5) && !asked[0].meant.is_empty(), "{before:?}");
+    let Engine { asking, scene, settings, .. } = &mut engine;
+    asking.know(scene, settings, &["liver".into()]).unwrap();
+    assert_eq!((ask(&mut engine, "gallbladder").0, engine.queries()), (before, &asked[..]));
+    let (marked, _) = ask(&mut engine, "hepar");
+    assert!(marked.may_be_found(0.5) && engine.asking.meant == [["liver"]], "{marked:?}");
+}
+
+#[test]
 fn words_for_what_is_absent_find_nothing_and_say_why() {
     let mut engine = engine(&NAMES, &["hepatic vein"]);
     let absent = [
