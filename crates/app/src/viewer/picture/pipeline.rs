@@ -198,11 +198,16 @@ impl Pipeline {
         }
         self.marks = MarkList::default();
         self.rendered.iter_mut().for_each(|rendered| rendered.scores.clear());
-        let num_frames = self.source.info().num_frames;
-        self.counted = self.counted.as_ref().map(|_| Counted::new(num_frames));
+        self.count_anew();
         self.source.set_marks(marks.all())?;
         self.marks = marks.clone();
         Ok(())
+    }
+
+    /// Forgets what was counted.
+    pub(crate) fn count_anew(&mut self) {
+        let num_frames = self.source.info().num_frames;
+        self.counted = self.counted.as_ref().map(|_| Counted::new(num_frames));
     }
 
     /// Returns `true` if the source can answer prompts.

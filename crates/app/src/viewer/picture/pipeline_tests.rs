@@ -8,7 +8,7 @@ use crate::viewer::{
         request::{AskedPrompt, Picture, Request},
         worker::Worker,
     },
-    state::view_mode::Layer,
+    state::{marks::MarkList, view_mode::Layer},
 };
 use image::{Rgb, RgbImage};
 use std::{
@@ -16,7 +16,12 @@ use std::{
     time::Duration,
 };
 use surgtpgs_core::{
-    Error, Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings,
+    Error, Result,
+    grid::Grid,
+    marks::{Mark, Shape},
+    mask::CleanUp,
+    overlay::OverlayLook,
+    relevancy::RelevancySettings,
 };
 
 const FRAMES: usize = 40;
@@ -348,6 +353,24 @@ fn areas_are_counted_once_on_every_frame_and_what_is_kept_is_not_rendered_again(
     assert_eq!(rendered.lock().unwrap().len(), FRAMES, "each frame once in all");
     let picture = pipeline.produce(request(20));
     is_all_of(&picture, 20);
+}
+
+#[test]
+fn areas_are_counted_again_after_marks_that_were_taken_back_at_once() {
+    let worker = Worker::start(Box::new(telling(8)), &egui::Context::default()).unwrap();
+    let count_all = || {
+        let mut counted = 0;
+        while counted < FRAMES {
+            counted += worker.take_measured().len();
+            std::thread::yield_now();
+        }
+    };
+    worker.submit(request(0));
+    count_all();
+    let mark = Mark::new(0, "liver", true, Shape::Click { point_px: [2.0, 2.0], radius_px: 1.0 });
+    worker.submit(Request { marks: MarkList::of(vec![mark]), ..request(0) });
+    worker.submit(request(0));
+    count_all();
 }
 
 #[test]

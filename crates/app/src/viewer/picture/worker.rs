@@ -43,8 +43,12 @@ struct Shared {
 struct Inbox {
     request: Option<Request>,
     source: Option<Box<dyn FrameSource>>,
-    /// Marks of the request that was taken last.
+    /// Marks of the request that was taken last, and of the one that was submitted last.
     marks: MarkList,
+    submitted: MarkList,
+    /// `true` if marks have changed since a request was taken, though they may be the same again: whoever
+    /// submitted them has dropped what was counted.
+    counts_anew: bool,
     /// Frames whose small pictures are wanted, the first one at the end.
     wanted: Vec<usize>,
     is_closed: bool,
@@ -73,6 +77,8 @@ impl Worker {
     pub(crate) fn submit(&self, request: Request) {
         let mut inbox = lock(&self.shared.inbox);
         let has_marks = inbox.marks == request.marks;
+        inbox.counts_anew |= inbox.submitted != request.marks;
+        inbox.submitted = request.marks.clone();
         self.shared.pending.set(if has_marks { Next::Frame(request.view.frame) } else { Next::Other });
         inbox.request = Some(request);
         drop(inbox);
@@ -144,7 +150,7 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
     // While there may be something to prepare, the thread checks for requests without waiting for them.
     let mut is_preparing = false;
     loop {
-        let (source, request) = {
+        let (source, request, counts_anew) = {
             let is_idle = |inbox: &mut Inbox| {
                 let has_work = inbox.request.is_some() || inbox.source.is_some() || !inbox.wanted.is_empty();
                 !has_work && !inbox.is_closed && !is_preparing
@@ -158,10 +164,13 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             if let Some(request) = &inbox.request {
                 inbox.marks = request.marks.clone();
             }
-            (inbox.source.take(), inbox.request.take())
+            (inbox.source.take(), inbox.request.take(), std::mem::take(&mut inbox.counts_anew))
         };
         if let Some(source) = source {
             pipeline.replace(source);
+        }
+        if counts_anew {
+            pipeline.count_anew();
         }
         if let Some(request) = request {
             let asked = request.clone();
