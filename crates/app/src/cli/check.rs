@@ -9,7 +9,6 @@ use super::{
 use crate::{
     jobs::{self, Material},
     memory::{LATENT_DIM, Work, require_for},
-    text::one_line,
 };
 use clap::Args;
 use std::path::PathBuf;
@@ -36,7 +35,7 @@ impl Run for CheckArgs {
                 let mut view = ProgressView::default();
                 jobs::check(material.sequence(), &mut |p| view.show(p))?
             }
-            Err(error) if self.json => unreadable(one_line(&remedy::message(&error))),
+            Err(error) if self.json => unreadable(remedy::message(&error).replace('\n', " ")),
             Err(error) => return Err(error),
         };
         let report = Whole::of(report);
