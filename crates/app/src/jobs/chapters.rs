@@ -262,6 +262,11 @@ impl Course<'_> {
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
             }
+            let checkpoint = self.checkpoint(chapter);
+            let inputs = self.material.inputs(self.material.sequence().path());
+            let claim = |path: &PathBuf| outputs::checkpoint_file(path, &inputs);
+            // Held until the chapter is done: a file of somebody else is not written over.
+            let _claim = checkpoint.as_ref().map(claim).transpose()?;
             let (mut trainer, unusable) = match self.trainer(plan, chapter, observer) {
                 // Nothing of this chapter is learned yet.
                 Err(Error::Cancelled) if whole.is_some() => break,
@@ -270,7 +275,6 @@ impl Course<'_> {
             backend::choose(&mut trainer, self.backend)?;
             let notes = trainer.scope().note().into_iter().chain(unusable);
             let notes = notes.map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
-            let checkpoint = self.checkpoint(chapter);
             let steps = trainer.settings().iterations;
             let mut observer = |p: &Progress<'_>| {
                 let detail = format!("chapter {} of {count}, {}", chapter.index + 1, p.detail);
@@ -559,8 +563,12 @@ mod tests {
         };
         let part = course.train(&mut stop, &mut |_, _| {}).unwrap();
         assert_eq!((part.steps, part.scene.chapters.iter().len()), (STEPS, 1));
-        std::fs::write(here.folder.path().join("a.chapter-0001.unfinished"), b"SurgTPGS train A, and so on")
-            .unwrap();
+        let checkpoint = here.folder.path().join("a.chapter-0001.unfinished");
+        std::fs::write(&checkpoint, "somebody's notes").unwrap();
+        let refused = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
+        assert!(refused.contains("a.chapter-0001.unfinished"), "{refused}");
+        assert_eq!(std::fs::read_to_string(&checkpoint).unwrap(), "somebody's notes");
+        std::fs::write(&checkpoint, b"SurgTPGS train A, and so on").unwrap();
         let whole = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
         assert_eq!((whole.steps, whole.steps_kept), (3 * STEPS, STEPS));
         let says =
