@@ -300,10 +300,10 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     jobs::remove_chapters(place.scene)?;
     let settings = args.settings();
     let mut view = ProgressView::default();
-    let plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
+    let mut plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
     let chapter = match args.chapter {
         Some(index) => {
-            let chapter = plan.chapters.get(index);
+            let chapter = plan.chapters.get(index).cloned();
             Some(chapter.ok_or_else(|| no_chapter(index, plan.chapters.len()))?)
         }
         None if !plan.chapters.is_empty() => {
@@ -312,7 +312,8 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
         }
         None => None,
     };
-    let mut trainer = Trainer::planned(sequence, prepared, settings, &plan, chapter, &mut |p| view.show(p))?;
+    let (chapter, observer) = (chapter.as_ref(), &mut |p: &jobs::Progress<'_>| view.show(p));
+    let mut trainer = Trainer::planned(sequence, prepared, settings, &mut plan, chapter, observer)?;
     if place.checkpoint.exists() {
         // An earlier training must not be gone on with once another one has begun.
         trainer.save_checkpoint(place.checkpoint)?;
@@ -380,7 +381,7 @@ fn train_chapters(
         }
     };
     let trained = match plan {
-        Some(plan) => course.train_planned(&plan, observer, watch),
+        Some(plan) => course.train_planned(plan, observer, watch),
         None => course.train(observer, watch),
     };
     drop(view);

@@ -213,13 +213,13 @@ impl Course<'_> {
     ) -> Result<Trained> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
         let plan = Plan::of(sequence, prepared, &self.settings, observer)?;
-        self.train_planned(&plan, observer, watch)
+        self.train_planned(plan, observer, watch)
     }
 
     /// Does the same as [`Course::train`] with a plan that was made before.
     pub fn train_planned(
         &self,
-        plan: &Plan,
+        mut plan: Plan,
         observer: &mut Observer<'_>,
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
@@ -228,7 +228,8 @@ impl Course<'_> {
             return self.train_chapters(plan, observer, watch);
         }
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
-        let mut trainer = Trainer::planned(sequence, prepared, self.settings.clone(), plan, None, observer)?;
+        let mut trainer =
+            Trainer::planned(sequence, prepared, self.settings.clone(), &mut plan, None, observer)?;
         backend::choose(&mut trainer, self.backend)?;
         let checkpoint = self.keeps_unfinished.then(|| checkpoint_path(self.scene));
         go_on(&mut trainer, checkpoint.as_deref(), observer, watch)
@@ -246,13 +247,14 @@ impl Course<'_> {
 
     fn train_chapters(
         &self,
-        plan: &Plan,
+        mut plan: Plan,
         observer: &mut Observer<'_>,
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
-        let count = plan.chapters.len();
+        let chapters = plan.chapters.clone();
+        let count = chapters.len();
         let mut whole: Option<Trained> = None;
-        let mut left: Vec<&Chapter> = plan.chapters.iter().collect();
+        let mut left: Vec<&Chapter> = chapters.iter().collect();
         // Chapters that are there already take no time, and are no progress.
         let (mut trained_before, mut kept) = (0, 0);
         while !left.is_empty() {
@@ -267,7 +269,7 @@ impl Course<'_> {
             let claim = |path: &PathBuf| outputs::checkpoint_file(path, &inputs);
             // Held until the chapter is done: a file of somebody else is not written over.
             let _claim = checkpoint.as_ref().map(claim).transpose()?;
-            let (mut trainer, unusable) = match self.trainer(plan, chapter, observer) {
+            let (mut trainer, unusable) = match self.trainer(&mut plan, chapter, observer) {
                 // Nothing of this chapter is learned yet.
                 Err(Error::Cancelled) if whole.is_some() => break,
                 begun => begun?,
@@ -311,7 +313,7 @@ impl Course<'_> {
         if self.is_whole(&whole) {
             // The order in which chapters were trained leaves no trace.
             let paths: Vec<PathBuf> =
-                plan.chapters.iter().map(|chapter| chapter_path(self.scene, chapter.index)).collect();
+                chapters.iter().map(|chapter| chapter_path(self.scene, chapter.index)).collect();
             whole.scene = join(&paths)?;
         }
         Ok(Trained { psnr_db: psnr_db(&whole.scene, self.material.sequence())?, ..whole })
@@ -332,7 +334,7 @@ impl Course<'_> {
     /// Returns a trainer for a chapter, and a note if what was kept of it is of no use; else that goes on.
     fn trainer(
         &self,
-        plan: &Plan,
+        plan: &mut Plan,
         chapter: &Chapter,
         observer: &mut Observer<'_>,
     ) -> Result<(Trainer, Option<String>)> {
@@ -508,11 +510,11 @@ mod tests {
 
         // One after the other, as jobs of their own.
         let (sequence, settings) = (here.material.sequence(), &course.settings);
-        let plan = Plan::of(sequence, None, settings, &mut unobserved).unwrap();
+        let mut plan = Plan::of(sequence, None, settings, &mut unobserved).unwrap();
         let mut paths = Vec::new();
-        for chapter in plan.chapters.iter().rev() {
+        for chapter in plan.chapters.clone().iter().rev() {
             let mut trainer =
-                Trainer::planned(sequence, None, settings.clone(), &plan, Some(chapter), &mut unobserved)
+                Trainer::planned(sequence, None, settings.clone(), &mut plan, Some(chapter), &mut unobserved)
                     .unwrap();
             let alone = go_on(&mut trainer, None, &mut unobserved, &mut |_, _| {}).unwrap();
             paths.push(here.folder.path().join(format!("part{}.safetensors", chapter.index)));

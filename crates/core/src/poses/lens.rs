@@ -21,7 +21,7 @@ const DISC_DEGREES: f64 = 75.0;
 const ZOOMS: [f64; 11] = [0.33, 0.41, 0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
 /// Number of frames that they are tried with at most; and about how many points, or observations of points
 /// where these leave the view so soon that fewer would hold no path together.
-const FRAMES: usize = 64;
+pub(super) const FRAMES: usize = 64;
 const POINTS: usize = 500;
 const OBSERVATIONS: usize = 16_000;
 /// Fewest points that tell something.
@@ -71,42 +71,55 @@ impl Lens {
 }
 
 /// Returns the factor from the focal length that is assumed of a recording to the likely one: the one that
-/// explains the tracks best, else that of a usual endoscope if the picture is round. `None` if nothing tells.
+/// best explains the tracks of all `parts`, else that of a usual endoscope if the picture is round. `None` if
+/// nothing tells.
 ///
 /// # Errors
 /// The observer's wish to stop.
 pub(super) fn likely_zoom(
     sequence: &Sequence,
-    tracks: &[Track],
+    parts: &[&[Track]],
     assumed: &Lens,
     observer: &mut Observer<'_>,
 ) -> Result<Option<f64>> {
     let usual =
         |radius_px: f64| radius_px / (0.5 * DISC_DEGREES.to_radians()).tan() / f64::from(assumed.camera.fx);
-    let found = find_zoom(tracks, assumed, observer)?;
+    let found = find_zoom(parts, assumed, observer)?;
     Ok(found.or_else(|| sequence.disc_radius_px().map(usual)))
 }
 
-/// Returns the factor from the focal length of `lens` to the one that explains the tracks best. `None` unless
-/// what is left unexplained rises clearly on both sides of it, and stays so: then the tracks do not tell.
+/// Returns the factor from the focal length of `lens` to the one that explains the tracks of all parts best.
+/// `None` unless what is left unexplained rises clearly on both sides of it, and stays so: then the tracks do
+/// not tell.
 ///
 /// # Errors
 /// The observer's wish to stop.
-fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
+fn find_zoom(parts: &[&[Track]], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
+    let parts: Vec<Vec<Track>> = parts.iter().filter_map(|tracks| telling(tracks)).collect();
+    let mut sum = [0.0; ZOOMS.len()];
+    for (part, tracks) in parts.iter().enumerate() {
+        let mut costs: Vec<f64> = Vec::with_capacity(ZOOMS.len());
+        // As many at once as there are threads, so that a wish to stop is heard between them.
+        for zooms in ZOOMS.chunks(rayon::current_num_threads()) {
+            let (done, total) = (part * ZOOMS.len() + costs.len(), parts.len() * ZOOMS.len());
+            Progress::new("looking for the lens", done, total).tell(observer)?;
+            costs.par_extend(zooms.par_iter().map(|zoom| cost(tracks, &lens.zoomed(*zoom))));
+        }
+        // A path that no lens holds together tells nothing.
+        if costs.iter().any(|cost| cost.is_finite()) {
+            sum.iter_mut().zip(without_peaks(&costs)).for_each(|(sum, cost)| *sum += cost);
+        }
+    }
+    Ok(lowest(&sum))
+}
+
+/// Returns about as many tracks as are needed, of the first frames; `None` if there are too few.
+fn telling(tracks: &[Track]) -> Option<Vec<Track>> {
     let begun: Vec<Track> = tracks.iter().map(first_frames).filter(|t| t.len() >= SHORTEST_TRACK).collect();
     let observations: usize = begun.iter().map(Vec::len).sum();
     let every = begun.len().div_ceil(POINTS).min(observations.div_ceil(OBSERVATIONS)).max(1);
     let chosen: Vec<Track> = begun.into_iter().step_by(every).collect();
-    if chosen.len() < FEWEST_POINTS {
-        return Ok(None);
-    }
-    let mut costs: Vec<f64> = Vec::with_capacity(ZOOMS.len());
-    // As many at once as there are threads, so that a wish to stop is heard between them.
-    for zooms in ZOOMS.chunks(rayon::current_num_threads()) {
-        Progress::new("looking for the lens", costs.len(), ZOOMS.len()).tell(observer)?;
-        costs.par_extend(zooms.par_iter().map(|zoom| cost(&chosen, &lens.zoomed(*zoom))));
-    }
-    Ok(lowest(&costs))
+    (chosen.len() >= FEWEST_POINTS).then_some(chosen)
 }
 
 /// Returns the observations of a track in the first frames.

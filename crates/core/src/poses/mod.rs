@@ -209,6 +209,11 @@ pub fn are_wanted(sequence: &Sequence) -> bool {
     sequence.camera_source() != CameraSource::Given && !sequence.camera_moves()
 }
 
+/// Returns `true` if nothing is known of a recording's lens.
+pub(crate) fn has_unknown_lens(sequence: &Sequence) -> bool {
+    matches!(sequence.camera_source(), CameraSource::Assumed(_))
+}
+
 /// Returns `true` if points may be triangulated: a recording's camera is known to move, and depth is not.
 pub(crate) fn can_triangulate(sequence: &Sequence) -> bool {
     sequence.camera_moves() && !sequence.has_depth()
@@ -253,8 +258,10 @@ pub fn estimate(
     if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < MIN_INLIER_GAIN {
         return Ok(path);
     }
-    let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
-    let zoom = if is_assumed { followed.likely_zoom(sequence, observer)? } else { None };
+    let zoom = match sequence.estimated_zoom() {
+        None if has_unknown_lens(sequence) => followed.likely_zoom(sequence, observer)?,
+        known => known.filter(|zoom| *zoom != 1.0).map(f64::from),
+    };
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let num_used = followed.used.len();
     let (builder, known_depth) = match followed.build(sequence)? {
@@ -302,6 +309,32 @@ pub fn estimate(
         None => (found, Vec::new()),
     };
     Ok(path)
+}
+
+/// Returns the factor from the focal length that is assumed of a recording to the one that best explains what
+/// several parts of it show, each a list of its frames; `None` if nothing tells. `times` are those of all
+/// frames. A path through each part alone tells the lens less well, and chapters that differ in their lens do
+/// not fit together.
+///
+/// # Errors
+/// As [`estimate`].
+pub(crate) fn shared_zoom(
+    sequence: &Sequence,
+    parts: &[Vec<usize>],
+    times: &[f32],
+    observer: &mut Observer<'_>,
+) -> Result<Option<f32>> {
+    let mut moving = Vec::new();
+    for frames in parts {
+        let frames = &frames[..frames.len().min(lens::FRAMES)];
+        let followed = Followed::new(sequence, Timeline { frames, times }, observer)?;
+        if 1.0 - still_share(&followed.tracks) >= MIN_INLIER_GAIN {
+            moving.push(followed);
+        }
+    }
+    let Some(first) = moving.first() else { return Ok(None) };
+    let tracks: Vec<&[Track]> = moving.iter().map(|followed| &followed.tracks[..]).collect();
+    Ok(likely_zoom(sequence, &tracks, &first.lens, observer)?.map(|zoom| zoom as f32))
 }
 
 /// Triangulates points of the surface that a camera with known poses sees move, in the units of the poses. It
@@ -373,7 +406,7 @@ impl Followed {
 
     /// Takes the lens that explains the tracks best, and returns its zoom; `None` if nothing tells.
     fn likely_zoom(&mut self, sequence: &Sequence, observer: &mut Observer<'_>) -> Result<Option<f64>> {
-        let zoom = likely_zoom(sequence, &self.tracks, &self.lens, observer)?;
+        let zoom = likely_zoom(sequence, &[&self.tracks], &self.lens, observer)?;
         self.lens = zoom.map_or(self.lens, |zoom| self.lens.zoomed(zoom));
         Ok(zoom)
     }

@@ -78,8 +78,8 @@ pub struct Sequence {
     estimated: Option<Arc<Estimated>>,
     /// `camera_from_world` of every frame, where they were estimated.
     poses: Option<Arc<[Affine3A]>>,
-    /// Factor from the recording's focal length to the estimated one.
-    zoom: f32,
+    /// Factor from the recording's focal length to the estimated one, if that was estimated.
+    zoom: Option<f32>,
 }
 
 #[derive(Debug)]
@@ -148,7 +148,7 @@ impl Sequence {
             outline,
             identity,
         };
-        Ok(Self { inner: Arc::new(inner), estimated: None, poses: None, zoom: 1.0 })
+        Ok(Self { inner: Arc::new(inner), estimated: None, poses: None, zoom: None })
     }
 
     fn recording(&self) -> &Recording {
@@ -232,7 +232,7 @@ impl Sequence {
     pub fn camera(&self, i: usize) -> Camera {
         let camera = self.recording().cameras[i];
         let camera_from_world = self.poses.as_ref().map_or(camera.camera_from_world, |poses| poses[i]);
-        Camera { camera_from_world, ..camera.zoomed(self.zoom) }
+        Camera { camera_from_world, ..camera.zoomed(self.zoom.unwrap_or(1.0)) }
     }
     /// Returns the source of the cameras.
     pub fn camera_source(&self) -> CameraSource {
@@ -249,7 +249,11 @@ impl Sequence {
     }
     /// Returns the same recording with focal lengths that are `zoom` times those it came with.
     pub(crate) fn with_zoom(self, zoom: f32) -> Self {
-        Self { zoom, ..self }
+        Self { zoom: Some(zoom), ..self }
+    }
+    /// Returns the factor of [`Sequence::with_zoom`]; `None` if the lens is the one the recording came with.
+    pub(crate) fn estimated_zoom(&self) -> Option<f32> {
+        self.zoom
     }
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {

@@ -4,19 +4,25 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::{TrainSettings, state::seed_frames};
+use super::{
+    TrainSettings,
+    state::{seed_frames, spread},
+};
 use crate::{
-    Error, Result,
+    Error, Result, poses,
     prepare::Prepared,
     progress::Observer,
     scene::Chapter,
     sequence::{Sequence, pace, shots},
 };
+use std::{collections::BTreeMap, ops::Range};
 
 /// Number of frames of a neighbour that a chapter learns from.
 pub(super) const OVERLAP: usize = 8;
 /// Number of frames that a shot has at least to be a chapter of its own.
 const SHORTEST: usize = 8;
+/// Most chapters that the lens of a shot is looked for in.
+const PARTS_FOR_LENS: usize = 3;
 
 /// Times and chapters of a recording.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -25,6 +31,8 @@ pub struct Plan {
     pub times: Vec<f32>,
     /// The chapters in order; none if the recording is learned as a whole.
     pub chapters: Vec<Chapter>,
+    /// Factor from the assumed focal length to the one of each shot that was asked for, by its first chapter.
+    zooms: BTreeMap<usize, f32>,
 }
 
 impl Plan {
@@ -70,7 +78,53 @@ impl Plan {
         let count = seen.len();
         let numbered = |(index, chapter)| Chapter { index, count, ..chapter };
         let chapters: Vec<Chapter> = seen.into_iter().enumerate().map(numbered).collect();
-        Ok(Self { times, chapters: if chapters.len() > 1 { chapters } else { Vec::new() } })
+        let chapters = if chapters.len() > 1 { chapters } else { Vec::new() };
+        Ok(Self { times, chapters, ..Self::default() })
+    }
+
+    /// Returns the factor from the focal length that is assumed to the one of the shot of a chapter. That is
+    /// looked for once for all of them. `None` if the lens is known, or the shot is one chapter, which looks for
+    /// itself.
+    ///
+    /// # Errors
+    /// A frame that cannot be read, or the observer's wish to stop.
+    pub(super) fn zoom(
+        &mut self,
+        sequence: &Sequence,
+        settings: &TrainSettings,
+        chapter: &Chapter,
+        observer: &mut Observer<'_>,
+    ) -> Result<Option<f32>> {
+        let is_wanted =
+            settings.finds_path && poses::are_wanted(sequence) && poses::has_unknown_lens(sequence);
+        let shot = self.shot(chapter);
+        if !is_wanted || shot.len() < 2 {
+            return Ok(None);
+        }
+        if let Some(zoom) = self.zooms.get(&shot.start) {
+            return Ok(Some(*zoom));
+        }
+        let frames = |chapter: &Chapter| {
+            let settings = TrainSettings { chapter: Some(chapter.clone()), ..settings.clone() };
+            settings.frames(sequence.num_frames())
+        };
+        let places: Vec<usize> = shot.clone().collect();
+        let parts: Vec<Vec<usize>> =
+            spread(&places, PARTS_FOR_LENS).into_iter().map(|k| frames(&self.chapters[k])).collect();
+        let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
+        let times = if self.times.is_empty() { &own } else { &self.times };
+        let zoom = poses::shared_zoom(sequence, &parts, times, observer)?.unwrap_or(1.0);
+        Ok(Some(*self.zooms.entry(shot.start).or_insert(zoom)))
+    }
+
+    /// Returns the places of the chapters of one shot with `chapter`: those that learn from frames of their
+    /// neighbours.
+    fn shot(&self, chapter: &Chapter) -> Range<usize> {
+        let is_joined = |k: usize| self.chapters[k - 1].learned.end > self.chapters[k].learned.start;
+        let at = self.chapters.iter().position(|other| other == chapter).unwrap_or(0);
+        let start = (1..=at).rev().find(|k| !is_joined(*k)).unwrap_or(0);
+        let end = (at + 1..self.chapters.len()).find(|k| !is_joined(*k)).unwrap_or(self.chapters.len());
+        start..end
     }
 
     /// Plans the training of a recording as a whole.
@@ -86,7 +140,7 @@ impl Plan {
         let frames = seen_frames(sequence, prepared, settings);
         let differences = pace::differences(sequence, &frames, observer)?;
         let times = pace::frame_times(&differences, &frames, sequence.frame_seconds());
-        Ok(Self { times, chapters: Vec::new() })
+        Ok(Self { times, ..Self::default() })
     }
 }
 
@@ -141,7 +195,6 @@ fn chapters(n: usize, longest: usize, mut ends: Vec<usize>, times: &[f32]) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::ops::Range;
 
     #[test]
     fn chapters_follow_each_other_and_learn_from_their_neighbours() {

@@ -106,37 +106,32 @@ impl Trainer {
     /// Reads the recording and places the initial Gaussians. Features are trained if `prepared` is given
     /// (then `sequence` is `prepared.sequence`).
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
-        let identity = identity(sequence, prepared)?;
-        let plan = Plan::whole(sequence, prepared, &settings, &mut unobserved)?;
-        Self::with_times(sequence, prepared, settings, identity, plan.times, &mut unobserved)
+        let mut plan = Plan::whole(sequence, prepared, &settings, &mut unobserved)?;
+        Self::planned(sequence, prepared, settings, &mut plan, None, &mut unobserved)
     }
 
     /// Reads one of the plan's chapters, or a recording that has none, as [`Trainer::new`] does. Frames have the
-    /// plan's times. The observer hears of the search for the path of a moving scope.
+    /// plan's times. The plan keeps the lens of the chapter's shot. The observer hears of the search for that,
+    /// and for the path of a moving scope.
     pub fn planned(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
-        settings: TrainSettings,
-        plan: &Plan,
+        mut settings: TrainSettings,
+        plan: &mut Plan,
         chapter: Option<&Chapter>,
         observer: &mut Observer<'_>,
     ) -> Result<Self> {
-        let settings = TrainSettings { chapter: chapter.cloned(), ..settings };
-        let identity = identity(sequence, prepared)?;
-        Self::with_times(sequence, prepared, settings, identity, plan.times.clone(), observer)
-    }
-
-    fn with_times(
-        sequence: &Sequence,
-        prepared: Option<&Prepared>,
-        mut settings: TrainSettings,
-        identity: Arc<Identity>,
-        times: Vec<f32>,
-        observer: &mut Observer<'_>,
-    ) -> Result<Self> {
+        settings.chapter = chapter.cloned();
         settings.eval |= prepared.is_some_and(|p| p.eval);
-        let state = TrainState::new(sequence, prepared, &settings, times, observer)?;
-        Ok(Self::with_state(sequence, prepared, settings, state, identity))
+        let identity = identity(sequence, prepared)?;
+        let mut sequence = sequence.clone();
+        if let Some(chapter) = chapter
+            && let Some(zoom) = plan.zoom(&sequence, &settings, chapter, observer)?
+        {
+            sequence = sequence.with_zoom(zoom);
+        }
+        let state = TrainState::new(&sequence, prepared, &settings, plan.times.clone(), observer)?;
+        Ok(Self::with_state(&sequence, prepared, settings, state, identity))
     }
 
     /// Resumes from a file that [`Trainer::save_checkpoint`] wrote, with its settings. The result has the

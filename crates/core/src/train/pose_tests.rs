@@ -75,15 +75,41 @@ fn the_search_for_the_path_says_how_far_it_is_and_can_be_stopped() {
     let (_, folder) = demo();
     let pictures = Sequence::open(&folder.path().join("images")).unwrap();
     let settings = TrainSettings::default();
-    let plan = Plan::whole(&pictures, None, &settings, &mut unobserved).unwrap();
+    let mut plan = Plan::whole(&pictures, None, &settings, &mut unobserved).unwrap();
     let mut stages = Vec::new();
     let mut observer = |p: &Progress<'_>| {
         stages.push((p.stage.to_owned(), p.done));
         if stages.len() > 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let begun = Trainer::planned(&pictures, None, settings, &plan, None, &mut observer);
+    let begun = Trainer::planned(&pictures, None, settings, &mut plan, None, &mut observer);
     assert!(matches!(begun.err(), Some(crate::Error::Cancelled)), "{stages:?}");
     assert_eq!(stages, (0..4).map(|i| ("following points".to_owned(), i)).collect::<Vec<_>>());
+}
+
+#[test]
+fn chapters_of_a_shot_have_one_lens_that_is_looked_for_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let moving = DemoSettings { moving_camera: true, rigid: true, wanders: true, ..DemoSettings::default() };
+    write(&moving, folder.path(), &mut unobserved).unwrap();
+    let pictures = Sequence::open(&folder.path().join("images")).unwrap();
+    let settings = TrainSettings { chapter_frames: 24, eval: true, ..TrainSettings::default() };
+    let mut plan = Plan::of(&pictures, None, &settings, &mut unobserved).unwrap();
+    let (mut looked, mut focal_lengths) = (Vec::new(), Vec::new());
+    for chapter in plan.chapters.clone().iter().rev() {
+        let mut count = 0;
+        let mut observer = |p: &Progress<'_>| {
+            count += usize::from(p.stage == "looking for the lens" && p.done == 0);
+            ControlFlow::Continue(())
+        };
+        let (settings, chapter) = (settings.clone(), Some(chapter));
+        let trainer = Trainer::planned(&pictures, None, settings, &mut plan, chapter, &mut observer);
+        focal_lengths.push(trainer.unwrap().scene().unwrap().cameras[0].fx);
+        looked.push(count);
+    }
+    assert_eq!(looked, [1, 0]);
+    assert_eq!(focal_lengths[0], focal_lengths[1]);
+    let truth = Sequence::open(folder.path()).unwrap().camera(0).fx;
+    assert!((focal_lengths[0] / truth).ln().abs() < 0.05, "{} instead of {truth}", focal_lengths[0]);
 }
 
 #[test]

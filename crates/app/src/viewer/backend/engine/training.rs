@@ -77,7 +77,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     };
     let (sequence, prepared) = (material.sequence(), material.prepared());
     let plan = Plan::of(sequence, prepared, &course.settings, &mut |p| follow_preparing(task, p))?;
-    let trained = course.train_planned(&plan, &mut |p| task.follow(p), &mut show)?;
+    let trained = course.train_planned(plan, &mut |p| task.follow(p), &mut show)?;
     if trained.steps == 0 {
         return Err(Error::Cancelled);
     }
