@@ -272,14 +272,15 @@ fn initial_gaussians(
         gaussians = seeded(spacing_px);
     }
     if gaussians.is_empty() {
-        return Err(Error::input_at(
-            sequence.path(),
-            "no pixel of the recording is to be supervised",
-            Remedy::CheckRecording.after(format!(
+        let why = match sequence.hidden() {
+            [] => format!(
                 "Its masks are probably inverted: set `[masks] keep` in {}.",
                 settings_name(sequence.path())
-            )),
-        ));
+            ),
+            _ => "What is hidden leaves nothing of it: hide less.".to_owned(),
+        };
+        let what = "no pixel of the recording is to be supervised";
+        return Err(Error::input_at(sequence.path(), what, Remedy::CheckRecording.after(why)));
     }
     Ok((gaussians, typical_depth))
 }

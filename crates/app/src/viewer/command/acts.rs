@@ -8,6 +8,7 @@ use crate::viewer::{
     state::{time_scale::TimeScale, view_mode::ViewMode},
 };
 use egui::{Context, Order, Pos2, Rect, ViewportCommand, pos2};
+use std::path::Path;
 
 /// Extensions of files that can be opened.
 const OPENED: [&str; 9] = ["safetensors", "ply", "spz", "surgtpgs", "mp4", "mov", "mkv", "avi", "dcm"];
@@ -85,17 +86,20 @@ pub(super) fn can_pick(shared: &Shared) -> bool {
 
 /// Asks what to open.
 pub(super) fn pick(shared: &mut Shared, is_folder: bool, ctx: &Context) {
-    shared.ask_for(what_to_open(is_folder), ctx);
+    shared.ask_for(what_to_open(shared, is_folder), ctx);
 }
 
-/// Returns the question what to open: a file, or a folder.
-pub(super) fn what_to_open(is_folder: bool) -> PathAsk {
+/// Returns the question what to open: a file, or a folder. It begins beside what is open, or was last.
+pub(super) fn what_to_open(shared: &Shared, is_folder: bool) -> PathAsk {
     let (title, kind) = if is_folder {
         ("Open a recording: a folder of frames", PathKind::Folder)
     } else {
         ("Open a reconstruction, a session or a video", PathKind::File(&OPENED))
     };
-    PathAsk { title: title.into(), kind, folder: None }
+    let open = shared.info().map(|info| &info.path);
+    let known = open.into_iter().chain(&shared.preferences.recent).find(|path| !shared.is_demo(path));
+    let folder = known.and_then(|path| path.parent()).map(Path::to_owned);
+    PathAsk { title: title.into(), kind, folder }
 }
 
 pub(super) fn can_reconstruct(shared: &Shared) -> bool {

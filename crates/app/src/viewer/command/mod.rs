@@ -152,7 +152,7 @@ commands! {
         when can_pick, act |s, g| pick(s, true, g.ctx);
     OpenPath: File, Always, [], "Open by its path…",
         "Type or choose a path in this window, without the system's dialog",
-        when can_pick, act |s, _| s.opening.asked = Some(what_to_open(false));
+        when can_pick, act |s, _| s.opening.asked = Some(what_to_open(s, false));
     OpenDemo: File, Always, [], "Open the demo",
         "A made-up recording with everything ready: the first time it takes some minutes",
         when |s| s.opening.demo_folder.is_some() && !s.opening.is_making_demo(), act |s, g| s.open_demo(g.ctx);

@@ -113,7 +113,8 @@ impl Export {
 
     fn pick_folder(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
         let title = "Export into this folder".to_owned();
-        self.picking.ask(PathAsk { title, kind: PathKind::Folder, folder: None }, backend, ctx);
+        let folder = self.request.folder.parent().map(Path::to_owned);
+        self.picking.ask(PathAsk { title, kind: PathKind::Folder, folder }, backend, ctx);
     }
 }
 

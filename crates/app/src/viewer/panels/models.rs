@@ -83,7 +83,10 @@ impl ModelsForm {
     }
 
     fn pick(&mut self, field: usize, title: &str, backend: Arc<dyn Backend>, ctx: &Context) {
-        let ask = PathAsk { title: title.to_owned(), kind: PathKind::Folder, folder: None };
+        // Models usually lie beside each other.
+        let known = [&self.chosen.masks, &self.chosen.images, &self.chosen.texts];
+        let folder = known.into_iter().find_map(|path| path.parent()).map(Path::to_owned);
+        let ask = PathAsk { title: title.to_owned(), kind: PathKind::Folder, folder };
         self.picking.ask(ask, backend, ctx);
         self.picked_field = field;
     }

@@ -100,6 +100,10 @@ fn without_a_file_dialog_the_window_asks_itself() {
     window.click("own.mp4");
     window.until(|app| app.info().is_some_and(|i| i.path.ends_with("clips/own.mp4")));
     assert!(window.harness.state().shared.opening.asked.is_none());
+    window.press_with(Modifiers::COMMAND, Key::O);
+    window.until(|app| app.opening.asked.is_some());
+    let asked = window.harness.state().shared.opening.asked.clone();
+    assert_eq!(asked.unwrap().folder, Some(folder.path().join("clips")), "beside what is open");
 }
 
 #[test]
