@@ -248,7 +248,8 @@ pub fn estimate(
         verdict: Verdict::Still,
         still_share,
         moving_share: still_share,
-        zoom: None,
+        // Where a shot has one lens, a part that stands still has it, too.
+        zoom: sequence.estimated_zoom().filter(|zoom| *zoom != 1.0),
         blurred: std::mem::take(&mut followed.blurred),
         poses: Vec::new(),
         swaying: Vec::new(),
@@ -260,7 +261,7 @@ pub fn estimate(
     }
     let zoom = match sequence.estimated_zoom() {
         None if has_unknown_lens(sequence) => followed.likely_zoom(sequence, observer)?,
-        known => known.filter(|zoom| *zoom != 1.0).map(f64::from),
+        _ => path.zoom.map(f64::from),
     };
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let num_used = followed.used.len();
