@@ -134,11 +134,11 @@ pub fn prepare(
     require_for(&Work::Reading(&sequence))?;
     let has_classes = !sequence.classes().is_empty();
     if matches!(options.source, FeatureSource::Labels) && !has_classes {
-        return Err(Error::input_at(
-            sequence.path(),
-            "the recording has no label masks to take features from",
-            Remedy::OtherFeatures,
-        ));
+        let (path, what) = match &options.labels_from {
+            Some(file) => (file.as_path(), "this file labels nothing to take features from"),
+            None => (sequence.path(), "the recording has no label masks to take features from"),
+        };
+        return Err(Error::input_at(path, what, Remedy::OtherFeatures));
     }
     let mut text = match &options.encoder {
         EncoderChoice::Folder(folder) => open_text_encoder(folder)?,
