@@ -75,12 +75,12 @@ impl Run for RenderArgs {
         let output = outputs::folder(&self.output, outputs::PICTURES, &inputs, self.force)?;
         let has_features = kinds.contains(&ImageKind::Feature);
         let mut view = ProgressView::default();
-        let mut depth_range = None;
+        let has_depth = kinds.contains(&ImageKind::Depth);
+        let depth_range = if has_depth { depth_range(&mut engine, &frames, self.width)? } else { None };
+        // Without a range there is no depth to draw.
+        let range = depth_range.unwrap_or_default();
         for (done, &frame) in frames.iter().enumerate() {
             let images = engine.render(&sized(engine.view(frame)?, self.width), has_features)?;
-            depth_range = depth_range.or_else(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
-            // Without a range there is no depth to draw.
-            let range = depth_range.unwrap_or_default();
             kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
             view.count("rendering", done + 1, frames.len());
         }
@@ -153,8 +153,21 @@ fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma
     })
 }
 
-/// Returns the range of the middle 98 % of known depths; `None` if none is known. The range of the first
-/// frame that has one serves for all frames, so that the pictures do not flicker.
+/// Returns the range of depths on up to [`RANGE_FRAMES`] of the frames, evenly spread; `None` if none is
+/// known. One range serves for all frames, so that the pictures do not flicker.
+fn depth_range(engine: &mut Engine, frames: &[usize], width: Option<u32>) -> Result<Option<(f32, f32)>> {
+    let count = frames.len().min(RANGE_FRAMES);
+    let mut range: Option<(f32, f32)> = None;
+    for k in 0..count {
+        let frame = frames[(2 * k + 1) * frames.len() / (2 * count)];
+        let images = engine.render(&sized(engine.view(frame)?, width), false)?;
+        let own = typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA));
+        range = range.zip(own).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(range).or(own);
+    }
+    Ok(range)
+}
+
+/// Returns the range of the middle 98 % of known depths; `None` if none is known.
 fn typical_range(depth: &Grid<f32>) -> Option<(f32, f32)> {
     let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()).collect();
     percentile(&mut known, 1.0).zip(percentile(&mut known, 99.0))
@@ -162,7 +175,9 @@ fn typical_range(depth: &Grid<f32>) -> Option<(f32, f32)> {
 
 /// Meaning of the numbers in the pictures that [`depth_picture`] draws.
 const DEPTH_PNG: &str = "inverted, to look at: 65535 is near, 1 is far, 0 is unknown. depth_png_range holds the depths of \
-     65535 and of 1: the middle 98 % of the first frame with depth. What is nearer or further is drawn like these.";
+     65535 and of 1, by the middle 98 % of up to eight frames. What is nearer or further is drawn like these.";
+/// Number of frames that the range of depths is taken from.
+const RANGE_FRAMES: usize = 8;
 
 fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Option<(f32, f32)>) -> Result<()> {
     let provenance = &engine.scene().provenance;

@@ -31,6 +31,8 @@ use surgtpgs_core::{
 const FRAMES_AHEAD: usize = 12;
 /// Number of instrument masks that are kept.
 const KEPT_TOOLS: usize = 32;
+/// Number of values that scales of colours are taken from.
+const SAMPLES: usize = 16_384;
 /// Memory for pictures that may be needed again, bytes.
 const KEPT_BYTES: usize = 128 << 20;
 
@@ -492,20 +494,24 @@ impl Pipeline {
     }
 
     /// Returns the depth scale. It is taken from the first depth picture and then kept, so that colours mean
-    /// the same on all frames.
+    /// the same on all frames, until most of a picture lies beyond it: then the scope has moved, or another
+    /// shot is shown.
     fn depth_range(&mut self) -> (f32, f32) {
-        if self.depth_range.is_none() {
-            let depth = self.rendered.back().and_then(|r| r.depth.as_ref());
-            let depth = depth.filter(|d| d.data.iter().any(|z| *z > 0.0));
-            self.depth_range = depth.map(|d| (percentile(d, 2.0), percentile(d, 98.0)));
+        let depth = self.rendered.back().and_then(|r| r.depth.as_ref());
+        let at = |q: f64| depth.map_or(0.0, |depth| percentile(depth, q));
+        let middle = at(50.0);
+        let fits = self.depth_range.is_some_and(|(near, far)| (near..=far).contains(&middle));
+        if middle > 0.0 && !fits {
+            self.depth_range = Some((at(2.0), at(98.0)));
         }
         self.depth_range.unwrap_or((0.0, 1.0))
     }
 }
 
-/// Returns the percentile of the values above 0; 0 if there are none.
+/// Returns the percentile of the values above 0, of up to [`SAMPLES`] that are evenly spread; 0 without any.
 fn percentile(values: &Grid<f32>, q: f64) -> f32 {
-    finite_percentile(values.data.iter().copied().filter(|v| *v > 0.0), q).unwrap_or(0.0)
+    let sampled = values.data.iter().step_by(values.data.len().div_ceil(SAMPLES).max(1));
+    finite_percentile(sampled.copied().filter(|v| *v > 0.0), q).unwrap_or(0.0)
 }
 
 /// Stages that a request needs.

@@ -58,7 +58,7 @@ impl FrameSource for Telling {
         let colour = || RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3]));
         Ok(Rendering {
             colour: parts.colour.then(colour),
-            depth: parts.depth.then(|| Grid::filled(side, side, view.frame as f32 + 1.0)),
+            depth: parts.depth.then(|| ramp(side, view.frame as f32 + 1.0)),
             unseen: None,
         })
     }
@@ -111,6 +111,12 @@ fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
 
 fn question(text: &str) -> Question {
     Question::words(text, Negatives::of(&RelevancySettings::default()))
+}
+
+/// Depths from `near` to twice that.
+fn ramp(side: usize, near: f32) -> Grid<f32> {
+    let last = (side * side - 1).max(1) as f32;
+    Grid::from_vec(side, side, (0..side * side).map(|k| near * (1.0 + k as f32 / last)).collect())
 }
 
 fn request(frame: usize) -> Request {
@@ -298,6 +304,21 @@ fn a_part_is_rendered_once_it_is_shown_and_what_is_known_stays() {
     for known in [recorded, request(3), with_depth] {
         assert!(wanted(&known).is_empty());
     }
+}
+
+#[test]
+fn colours_of_depth_mean_the_same_until_they_no_longer_fit() {
+    let (mut pipeline, _) = pipeline(8);
+    let mut range = |frame: usize| {
+        let asked = Request { layer: Some(Layer::Depth), ..request(frame) };
+        pipeline.produce(asked).layer.unwrap().range
+    };
+    let first = range(9);
+    assert!(10.0 <= first.0 && first.0 < 11.0 && 19.0 < first.1 && first.1 <= 20.0, "{first:?}");
+    assert_eq!(range(11), first);
+    let nearer = range(3);
+    assert!(nearer.1 <= 8.0, "{nearer:?}");
+    assert_eq!(range(4), nearer);
 }
 
 #[test]
