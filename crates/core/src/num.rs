@@ -32,6 +32,12 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y)).sum::<f64>() as f32
 }
 
+/// Returns up to `count` of the numbers below `n`, evenly spread, in ascending order.
+pub fn spread(n: usize, count: usize) -> impl Iterator<Item = usize> {
+    let count = count.min(n);
+    (0..count).map(move |k| (2 * k + 1) * n / (2 * count))
+}
+
 /// The `q`-th percentile (0–100) by linear interpolation, as NumPy's default; `None` if empty. NaN must
 /// be filtered out before the call, which changes the order of the values.
 pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {

@@ -20,7 +20,7 @@ use surgtpgs_core::{
     camera::check_image_size,
     files::{npy, write_whole},
     grid::Grid,
-    num::percentile,
+    num::{percentile, spread},
     raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA},
 };
 
@@ -156,10 +156,8 @@ fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma
 /// Returns the range of depths on up to [`RANGE_FRAMES`] of the frames, evenly spread; `None` if none is
 /// known. One range serves for all frames, so that the pictures do not flicker.
 fn depth_range(engine: &mut Engine, frames: &[usize], width: Option<u32>) -> Result<Option<(f32, f32)>> {
-    let count = frames.len().min(RANGE_FRAMES);
     let mut range: Option<(f32, f32)> = None;
-    for k in 0..count {
-        let frame = frames[(2 * k + 1) * frames.len() / (2 * count)];
+    for frame in spread(frames.len(), RANGE_FRAMES).map(|k| frames[k]) {
         let images = engine.render(&sized(engine.view(frame)?, width), false)?;
         let own = typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA));
         range = range.zip(own).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(range).or(own);

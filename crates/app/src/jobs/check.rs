@@ -27,7 +27,7 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
 fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>) -> Result<Vec<String>> {
     let end = report.cuts.first().copied().unwrap_or(report.frames).min(LOOKED_AT);
     let frames: Vec<usize> = (0..end).collect();
-    let times: Vec<f32> = (0..report.frames).map(|i| sequence.time(i)).collect();
+    let times = sequence.times();
     let timeline = Timeline { frames: &frames, times: &times };
     let path = match poses::estimate(sequence, timeline, ANY_DEPTH, observer) {
         Ok(path) => path,

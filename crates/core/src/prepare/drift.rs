@@ -127,7 +127,7 @@ fn scope(
     if !poses::are_wanted(sequence) {
         return Ok(Scope::Still);
     }
-    let times: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
+    let times = sequence.times();
     let path = poses::estimate(sequence, Timeline { frames, times: &times }, ANY_DEPTH, observer)?;
     Ok(match path.verdict {
         Verdict::Still => Scope::Still,

@@ -211,6 +211,10 @@ impl Sequence {
     pub fn time(&self, i: usize) -> f32 {
         self.inner.places.get(i).copied().unwrap_or(i as f32 / self.num_frames() as f32)
     }
+    /// Returns the places of all frames, see [`Sequence::time`].
+    pub fn times(&self) -> Vec<f32> {
+        (0..self.num_frames()).map(|i| self.time(i)).collect()
+    }
     /// Returns the time of every frame after the first, seconds; empty if [`Self::frames_per_second`] tells it,
     /// or nothing does.
     pub fn frame_seconds(&self) -> &[f64] {
@@ -251,7 +255,8 @@ impl Sequence {
     pub(crate) fn with_zoom(self, zoom: f32) -> Self {
         Self { zoom: Some(zoom), ..self }
     }
-    /// Returns the factor of [`Sequence::with_zoom`]; `None` if the lens is the one the recording came with.
+    /// Returns the factor of [`Sequence::with_zoom`], 1 if nothing told the lens; `None` if that was not looked
+    /// for.
     pub(crate) fn estimated_zoom(&self) -> Option<f32> {
         self.zoom
     }

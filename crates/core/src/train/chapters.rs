@@ -4,12 +4,11 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::{
-    TrainSettings,
-    state::{seed_frames, spread},
-};
+use super::{TrainSettings, state::seed_frames};
 use crate::{
-    Error, Result, poses,
+    Error, Result,
+    num::spread,
+    poses,
     prepare::Prepared,
     progress::Observer,
     scene::Chapter,
@@ -108,10 +107,10 @@ impl Plan {
             let settings = TrainSettings { chapter: Some(chapter.clone()), ..settings.clone() };
             settings.frames(sequence.num_frames())
         };
-        let places: Vec<usize> = shot.clone().collect();
+        let chapters = &self.chapters[shot.clone()];
         let parts: Vec<Vec<usize>> =
-            spread(&places, PARTS_FOR_LENS).into_iter().map(|k| frames(&self.chapters[k])).collect();
-        let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
+            spread(chapters.len(), PARTS_FOR_LENS).map(|k| frames(&chapters[k])).collect();
+        let own = sequence.times();
         let times = if self.times.is_empty() { &own } else { &self.times };
         let zoom = poses::shared_zoom(sequence, &parts, times, observer)?.unwrap_or(1.0);
         Ok(Some(*self.zooms.entry(shot.start).or_insert(zoom)))

@@ -14,7 +14,7 @@ use crate::{
         Gaussians,
         init::{self, SeedSettings},
     },
-    num::percentile,
+    num::{self, percentile},
     poses::{self, ScopePath, Timeline, Verdict},
     prepare::Prepared,
     progress::Observer,
@@ -177,9 +177,7 @@ fn budget(first: usize, settings: &TrainSettings) -> usize {
 
 /// Chooses at most `count` of `frames`, evenly spread, the middle one first.
 pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
-    let n = frames.len();
-    let count = count.min(n);
-    let mut picked: Vec<usize> = (0..count).map(|k| frames[(2 * k + 1) * n / (2 * count)]).collect();
+    let mut picked: Vec<usize> = num::spread(frames.len(), count).map(|k| frames[k]).collect();
     let middle = picked.len() / 2;
     if !picked.is_empty() {
         picked.swap(0, middle);
@@ -205,7 +203,7 @@ fn path(
     if !settings.finds_path || is_long {
         return Ok(ScopePath::default());
     }
-    let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
+    let own = sequence.times();
     let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
     if poses::are_wanted(sequence) {
         poses::estimate(sequence, timeline, DEFAULT_DEPTH, observer)
