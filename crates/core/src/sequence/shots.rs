@@ -13,6 +13,9 @@ const LARGEST_TIMES: f32 = 1.5;
 /// Share of a difference from which on that of the next frame belongs to it: one frame alone is bright or
 /// dark.
 const FLASH_SHARE: f32 = 0.5;
+/// Factor by which frames differ that are two steps apart, between one step and two: they differ less and less
+/// the further they are apart.
+const TWO_STEPS: f32 = std::f32::consts::SQRT_2;
 /// Number of frames on either side that tell what is usual.
 const AROUND: usize = 12;
 /// Brightness of a pixel's brightest channel from which on its colour counts, 8-bit levels.
@@ -114,8 +117,13 @@ fn cuts_of_new(shots: &[Shot]) -> Vec<usize> {
 /// before, in 8-bit levels; `None` for frames that were not read.
 pub(crate) fn cuts_of(differences: &[Option<f32>]) -> Vec<usize> {
     let read: Vec<usize> = (0..differences.len()).filter(|i| differences[*i].is_some()).collect();
-    let shot = |i: &usize| Shot { difference: differences[*i], is_tissue: true };
-    cuts(&read.iter().map(shot).collect::<Vec<_>>()).into_iter().map(|k| read[k]).collect()
+    let shot = |k: usize| {
+        // A frame between them was not read.
+        let is_apart = k > 0 && read[k] == read[k - 1] + 2;
+        let steps = if is_apart { TWO_STEPS } else { 1.0 };
+        Shot { difference: differences[read[k]].map(|difference| difference / steps), is_tissue: true }
+    };
+    cuts(&(0..read.len()).map(shot).collect::<Vec<_>>()).into_iter().map(|k| read[k]).collect()
 }
 
 /// Returns the runs of frames that show no tissue, both ends included.
@@ -170,6 +178,12 @@ mod tests {
         assert_eq!(cuts_of(&known), [24]);
         known[26] = Some(40.0);
         assert_eq!(cuts_of(&known), [0; 0], "frame 25 was not read");
+        let quick = [9.6, 12.5, 14.8, 16.0, 0.0, 24.2, 13.2, 11.1, 8.8, 7.1];
+        known[20..40].fill(Some(8.0));
+        known[21..31].copy_from_slice(&quick.map(|d| Some(d).filter(|d| *d > 0.0)));
+        assert_eq!(cuts_of(&known), [0; 0], "a quick move past a frame that was not read");
+        known[26] = Some(45.0);
+        assert_eq!(cuts_of(&known), [26], "a cut there");
     }
 
     #[test]
