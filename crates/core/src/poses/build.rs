@@ -70,6 +70,26 @@ impl Builder {
                 self.adjust(frame.saturating_sub(RECENT).max(1)..frame + 1, 1, 4);
             }
         }
+        self.adjust_all();
+        None
+    }
+
+    /// Adds observations to the points, for each point a list, and adjusts the path.
+    pub(super) fn add(&mut self, new: Vec<Vec<Observation>>) {
+        for (k, (mark, new)) in self.landmarks.iter_mut().zip(new).enumerate() {
+            new.iter().for_each(|observation| self.seen[observation.frame].push(k));
+            mark.observations.extend(new);
+            mark.observations.sort_by_key(|observation| observation.frame);
+            let first = mark.position.zip(mark.observations.first());
+            mark.expected_depth = first.map_or(mark.expected_depth, |(position, observation)| {
+                self.poses[observation.frame].transform_point3(position).z
+            });
+        }
+        self.adjust_all();
+    }
+
+    fn adjust_all(&mut self) {
+        let frames = self.poses.len();
         let mut start = 1;
         loop {
             let end = (start + TOGETHER).min(frames);
@@ -77,7 +97,7 @@ impl Builder {
                 self.adjust(start..end, stage, 12);
             }
             if end == frames {
-                return None;
+                return;
             }
             start += TOGETHER / 2;
         }

@@ -48,12 +48,24 @@ impl Lens {
         f64::from(self.camera.fx) / self.shrink
     }
 
+    /// Returns the lens for pictures of half the size.
+    pub(super) fn halved(self) -> Self {
+        Self { shrink: 2.0 * self.shrink, ..self }
+    }
+
+    /// Returns the position in the pictures that are looked at of a point of the plane at depth 1, px.
+    pub(super) fn position(&self, at: DVec2) -> [f32; 2] {
+        let Camera { fx, fy, cx, cy, .. } = self.camera;
+        let pixel = at * DVec2::new(fx.into(), fy.into()) + DVec2::new(cx.into(), cy.into());
+        (pixel / self.shrink - 0.5).as_vec2().to_array()
+    }
+
     /// Returns the position in the recording of a position in the pictures that are looked at, px.
     pub(super) fn pixel(&self, at: [f32; 2]) -> [f64; 2] {
         at.map(|p| (f64::from(p) + 0.5) * self.shrink)
     }
 
-    fn observation(&self, frame: usize, at: [f32; 2]) -> Observation {
+    pub(super) fn observation(&self, frame: usize, at: [f32; 2]) -> Observation {
         let [u, v] = self.pixel(at);
         let Camera { fx, fy, cx, cy, .. } = self.camera;
         let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));

@@ -5,11 +5,13 @@
 //! points come back to where they were, and nothing is estimated.
 
 mod adjust;
+mod again;
 mod breath;
 mod build;
 mod judge;
 mod lens;
 mod measured;
+mod patch;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -31,8 +33,9 @@ use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
 use judge::{MIN_INLIER_GAIN, is_explained, moving_share, still_share, verdict};
 use lens::{Lens, likely_zoom};
+use patch::View;
 use std::ops::Range;
-use tracks::{Follower, Track, View};
+use tracks::{Follower, Track};
 
 /// Longest side of what is in view in the pictures that are looked at, px; larger ones are halved.
 const LONGEST_SIDE: usize = 720;
@@ -265,14 +268,14 @@ pub fn estimate(
     };
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let num_used = followed.used.len();
-    let (builder, known_depth) = match followed.build(sequence)? {
+    let (mut builder, known_depth) = match followed.build(sequence)? {
         Ok(built) => built,
         Err(first_break) => {
             path.verdict = Verdict::Lost(first_break);
             return Ok(path);
         }
     };
-    let Followed { tracks, lens, used, .. } = followed;
+    let Followed { tracks, lens, used, views, .. } = followed;
     let known = (used.len() < num_used).then(|| [used[0], used[used.len() - 1]]);
     path.still_share = judge::still_share(&tracks);
     path.moving_share = moving_share(&builder, &lens);
@@ -280,6 +283,8 @@ pub fn estimate(
     if !matches!(path.verdict, Verdict::Moves { .. }) {
         return Ok(path);
     }
+    Progress::new("looking again for what was lost", 0, 1).tell(observer)?;
+    again::find(&mut builder, &lens.halved(), &views);
     let times: Vec<f32> = used.iter().map(|&frame| timeline.times[frame]).collect();
     // With measured depth, the unit is the typical one already.
     let unit = if sequence.depth_origin().is_measured() { 1.0 } else { median_depth(&builder) };
@@ -371,6 +376,8 @@ struct Followed {
     /// around them show.
     used: Vec<usize>,
     blurred: Vec<usize>,
+    /// The frames that were used, of half the size; none if there are too many.
+    views: Vec<View>,
 }
 
 impl Followed {
@@ -381,7 +388,7 @@ impl Followed {
         let (mut blurred, sharp) = sharp_frames(sequence, &distinct, halvings)?;
         let view = |frame: usize| view(sequence, frame, &sequence.frame(frame)?, halvings);
         let mut follower = Follower::default();
-        let mut used = Vec::new();
+        let (mut used, mut views) = (Vec::new(), Vec::new());
         let mut next = 0;
         while next < sharp.len() {
             Progress::new("following points", next, sharp.len()).tell(observer)?;
@@ -396,13 +403,16 @@ impl Followed {
                     break;
                 }
             }
+            if sharp.len() <= again::MOST_VIEWS {
+                views.push(found.halved_view());
+            }
             follower.take(used.len(), found);
             used.push(sharp[next]);
             next += 1;
         }
         blurred.sort_unstable();
         let lens = Lens { camera: sequence.camera(0), shrink: f64::from(1 << halvings) };
-        Ok(Self { tracks: follower.finish(SHORTEST_TRACK), lens, used, blurred })
+        Ok(Self { tracks: follower.finish(SHORTEST_TRACK), lens, used, blurred, views })
     }
 
     /// Takes the lens that explains the tracks best, and returns its zoom; `None` if nothing tells.
@@ -428,7 +438,8 @@ impl Followed {
                 return Ok(Err(first_break));
             }
             self.tracks = within(std::mem::take(&mut self.tracks), &longer);
-            self.used = self.used[longer].to_vec();
+            self.views = kept(std::mem::take(&mut self.views), &longer);
+            self.used = kept(std::mem::take(&mut self.used), &longer);
         }
     }
 }
@@ -440,6 +451,11 @@ fn within(tracks: Vec<Track>, slots: &Range<usize>) -> Vec<Track> {
         observations.map(|(slot, at)| (slot - slots.start, at)).collect()
     };
     tracks.into_iter().map(inside).filter(|track| track.len() >= SHORTEST_TRACK).collect()
+}
+
+/// Returns the items in a range of places, as far as there are any.
+fn kept<T>(items: Vec<T>, places: &Range<usize>) -> Vec<T> {
+    items.into_iter().skip(places.start).take(places.len()).collect()
 }
 
 /// Returns how often pictures are halved before they are looked at. A black border does not count: half of a
