@@ -1,6 +1,7 @@
 //! Points that were lost, looked for again. A point leaves the view, or comes to look too different to be
 //! followed; what is seen of it later is another point, whose depth is told anew, so that the unit of a path
-//! drifts. Once a path is known it tells where every point must be, and how what is around it looks from there.
+//! drifts. Once a path is known it tells where every point must be, and how the surface around it looks from
+//! there.
 
 use super::{
     adjust::{Landmark, Observation},
@@ -14,77 +15,77 @@ use glam::{DMat2, DMat3, DVec2, DVec3, Mat2};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Most frames of a path that views are kept of; longer ones are chapters in the end.
+/// Most frames of a path that views are kept of; longer ones are made only where chapters are not wanted.
 pub(super) const MOST_VIEWS: usize = 256;
-/// Distance from where the path shows a point up to which it is looked for, px of pictures of half the size.
+/// Distance from where the path shows a point up to which it is looked for, px of pictures of half size.
 const REACH: i32 = 4;
-/// Ratio of the depths of a point in two frames, and angle between its two views in radians, at which it still
-/// looks alike.
+/// Ratios of the depths of a point in two frames, and angle between its two views in radians, at which it
+/// still looks alike.
 const DEPTH_RATIOS: Range<f64> = 0.6..1.6;
 const LARGEST_ANGLE: f64 = 0.6;
 /// Smallest depth of a point that is looked for, in units of the typical depth.
 const NEAREST: f64 = 0.05;
 
 /// Looks for points in frames that do not see them, and adjusts the path to what is found. `views` are the
-/// frames of the path, as `lens` shows them.
+/// frames of the path, as `lens` shows them; without them nothing is found.
 pub(super) fn find(builder: &mut Builder, lens: &Lens, views: &[View]) {
-    let path = &*builder;
-    let found: Vec<Vec<Observation>> =
-        path.landmarks.par_iter().map(|mark| observations(path, mark, lens, views)).collect();
-    if found.iter().any(|found| !found.is_empty()) {
-        builder.add(found);
+    if views.is_empty() {
+        return;
     }
+    let search = Search { path: builder, lens, views };
+    let found = search.path.landmarks.par_iter().map(|mark| search.observations(mark)).collect();
+    builder.add(found);
 }
 
-/// Returns where a point is found again, before it was first seen and after it was last seen.
-fn observations(builder: &Builder, mark: &Landmark, lens: &Lens, views: &[View]) -> Vec<Observation> {
-    let (Some(first), Some(last)) = (mark.observations.first(), mark.observations.last()) else {
-        return Vec::new();
-    };
-    if !is_explained(mark, builder, lens) {
-        return Vec::new();
-    }
-    let before = (0..first.frame).filter_map(|frame| found(builder, mark, first, frame, lens, views));
-    let after =
-        (last.frame + 1..views.len()).filter_map(|frame| found(builder, mark, last, frame, lens, views));
-    before.chain(after).collect()
+/// A path, and the frames that points are looked for in.
+struct Search<'a> {
+    path: &'a Builder,
+    lens: &'a Lens,
+    views: &'a [View],
 }
 
-/// Looks for a point in a frame by what is around it in an observation.
-fn found(
-    builder: &Builder,
-    mark: &Landmark,
-    known: &Observation,
-    frame: usize,
-    lens: &Lens,
-    views: &[View],
-) -> Option<Observation> {
-    let [from, to] = [known.frame, frame].map(|frame| builder.poses[frame]);
-    let position = mark.position?;
-    let [near, far] = [from, to].map(|pose| pose.transform_point3(position));
-    let towards = [from, to].map(|pose| pose.inverse().translation - position);
-    let looks_alike = near.z > NEAREST
-        && far.z > NEAREST
-        && DEPTH_RATIOS.contains(&(far.z / near.z))
-        && towards[0].angle_between(towards[1]) < LARGEST_ANGLE;
-    let there = lens.position(far.truncate() / far.z);
-    if !looks_alike || !is_inside(&views[frame], there) {
-        return None;
+impl Search<'_> {
+    /// Returns where a point is found again, before it was first seen and after it was last seen.
+    fn observations(&self, mark: &Landmark) -> Vec<Observation> {
+        let ends = mark.observations.first().zip(mark.observations.last());
+        let Some((first, last)) = ends.filter(|_| is_explained(mark, self.path, self.lens)) else {
+            return Vec::new();
+        };
+        let before = (0..first.frame).filter_map(|frame| self.found(mark, first, frame));
+        let after = (last.frame + 1..self.views.len()).filter_map(|frame| self.found(mark, last, frame));
+        before.chain(after).collect()
     }
-    let turn = to.matrix3 * from.matrix3.transpose();
-    let warp = warp(&turn, near.z / far.z, far.truncate() / far.z);
-    let patch = Patch::warped(&views[known.frame], lens.position(known.at), warp)?;
-    if patch.strength < LEAST_SLOPE {
-        return None;
+
+    /// Looks for a point in a frame by what is around it where it is known.
+    fn found(&self, mark: &Landmark, known: &Observation, frame: usize) -> Option<Observation> {
+        let poses = [known.frame, frame].map(|frame| self.path.poses[frame]);
+        let position = mark.position?;
+        let [seen, wanted] = poses.map(|pose| pose.transform_point3(position));
+        let towards = poses.map(|pose| pose.inverse().translation - position);
+        let looks_alike = seen.z.min(wanted.z) > NEAREST
+            && DEPTH_RATIOS.contains(&(wanted.z / seen.z))
+            && towards[0].angle_between(towards[1]) < LARGEST_ANGLE;
+        let at = wanted.truncate() / wanted.z;
+        let (view, there) = (&self.views[frame], self.lens.position(at));
+        if !looks_alike || !is_inside(view, there) {
+            return None;
+        }
+        let turn = poses[1].matrix3 * poses[0].matrix3.transpose();
+        let warp = warp(&turn, seen.z / wanted.z, at);
+        let patch = Patch::warped(&self.views[known.frame], self.lens.position(known.at), warp)?;
+        if patch.strength < LEAST_SLOPE {
+            return None;
+        }
+        let (here, likeness) = patch.found_around(&view.luma, there, REACH)?;
+        let is_found = likeness >= VERY_ALIKE && is_inside(view, here);
+        is_found.then(|| self.lens.observation(frame, here))
     }
-    let (at, likeness) = patch.found_around(&views[frame].luma, there, REACH)?;
-    let is_found = likeness >= VERY_ALIKE && is_inside(&views[frame], at);
-    is_found.then(|| lens.observation(frame, at))
 }
 
 /// Returns how offsets in the second of two pictures lead to those in the first, around a point of a surface
-/// that faces the first camera. `turn` is from the axes of the first camera to those of the second, `depths` the
-/// ratio of the first depth to the second one, and `at` the point on the second camera's plane at depth 1.
+/// that faces the first camera. `turn` leads from the axes of the first camera to those of the second,
+/// `depths` is the ratio of the first depth to the second, and `at` the point on the second camera's plane at
+/// depth 1.
 fn warp(turn: &DMat3, depths: f64, at: DVec2) -> Mat2 {
     let moved = |axis: DVec3| (axis.truncate() - at * axis.z) * depths;
     DMat2::from_cols(moved(turn.x_axis), moved(turn.y_axis)).inverse().as_mat2()
@@ -192,10 +193,10 @@ mod tests {
         let seen = |frame| Observation { frame, at: DVec2::ZERO, depth: None };
         let mark = Landmark {
             position: Some(DVec3::Z),
-            observations: (0..3).map(seen).collect(),
+            observations: (1..4).map(seen).collect(),
             expected_depth: 1.0,
         };
-        let mut builder = Builder::new(3, vec![mark], lens.focal_px());
+        let mut builder = Builder::new(5, vec![mark], lens.focal_px());
         find(&mut builder, &lens, &[]);
         assert_eq!(builder.landmarks[0].observations.len(), 3);
     }

@@ -1,6 +1,6 @@
 //! Points followed through the frames. Optical flow between neighbouring frames, of half size, tells where a
-//! point goes; a [`Patch`] around it, kept from the frame where it was found, then finds its exact position. So
-//! errors do not add up.
+//! point goes; a [`Patch`] around it, kept from the frame where it was found, then finds its exact position.
+//! So errors do not add up.
 
 use super::patch::{Patch, View, is_inside};
 use crate::{

@@ -13,8 +13,8 @@ const LARGEST_TIMES: f32 = 1.5;
 /// Share of a difference from which on that of the next frame belongs to it: one frame alone is bright or
 /// dark.
 const FLASH_SHARE: f32 = 0.5;
-/// Factor by which frames differ that are two steps apart, between one step and two: they differ less and less
-/// the further they are apart.
+/// Factor by which frames that are two steps apart differ more than neighbours: between one and two, because
+/// differences grow less and less.
 const TWO_STEPS: f32 = std::f32::consts::SQRT_2;
 /// Number of frames on either side that tell what is usual.
 const AROUND: usize = 12;
