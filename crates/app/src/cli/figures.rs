@@ -13,6 +13,7 @@ use crate::{
 use image::RgbImage;
 use surgtpgs_core::{
     Result,
+    num::spread,
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
     raster::{Images, MIN_DEPTH_ALPHA},
     sequence::Sequence,
@@ -24,10 +25,8 @@ pub(super) fn comparison(engine: &mut Engine, count: usize, panel_width: u32) ->
     let held_out = engine.scene().provenance.held_out;
     let n = engine.scene().num_frames();
     let frames: Vec<usize> = (0..n).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
-    let count = count.min(frames.len());
     let mut rows = Vec::new();
-    for k in 0..count {
-        let frame = frames[(2 * k + 1) * frames.len() / (2 * count)];
+    for frame in spread(frames.len(), count).map(|k| frames[k]) {
         let images = engine.render(&engine.view(frame)?, false)?;
         let pictures = engine.original(frame)?.into_iter().chain([images.to_rgb(), depth(&images)]);
         rows.push(side_by_side(&pictures.map(|p| narrowed(p, panel_width)).collect::<Vec<_>>()));

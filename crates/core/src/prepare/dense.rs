@@ -3,7 +3,7 @@
 //! over the recording.
 
 use super::{FrameFeatures, NO_REGION, RegionMap};
-use crate::{codec::normalise_rows, grid::Grid, segment::DenseMap, sequence::Sequence};
+use crate::{codec::normalise_rows, grid::Grid, num::spread, segment::DenseMap, sequence::Sequence};
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
@@ -49,7 +49,7 @@ pub(super) fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Arr
     if n <= num {
         return ((0..n).collect(), rows.to_owned());
     }
-    let starts: Vec<usize> = (0..num).map(|k| (2 * k + 1) * n / (2 * num)).collect();
+    let starts: Vec<usize> = spread(n, num).collect();
     let mut centres = rows.select(Axis(0), &starts);
     let mut numbers = nearest(rows, centres.view());
     for _ in 0..ROUNDS {

@@ -10,7 +10,7 @@ use crate::{
     Error, Result,
     files::write_whole_with,
     grid::Grid,
-    num::percentile,
+    num::{percentile, spread},
     progress::{Observer, Progress},
     sequence::{DepthKind, EstimatedDepth, MONOCULAR_BASELINE, Sequence, depth_file, name_frames, npy_map},
 };
@@ -179,8 +179,7 @@ impl Found {
 
 /// Returns frames in the order in which they are estimated: those that are tried come first.
 fn spread_first(frames: &[usize]) -> Vec<usize> {
-    let (n, some) = (frames.len(), TRIED.min(frames.len()));
-    let tried: Vec<usize> = (0..some).map(|k| frames[(2 * k + 1) * n / (2 * some)]).collect();
+    let tried: Vec<usize> = spread(frames.len(), TRIED).map(|k| frames[k]).collect();
     let others = frames.iter().copied().filter(|i| !tried.contains(i));
     tried.iter().copied().chain(others).collect()
 }

@@ -6,7 +6,7 @@ use super::depth::SAMPLES;
 use crate::{
     Result,
     camera::Camera,
-    num::finite_percentile,
+    num::{finite_percentile, spread},
     poses::{self, ANY_DEPTH, ScopePath, Timeline, Verdict},
     progress::Observer,
     sequence::{Sequence, pace, shots},
@@ -161,9 +161,7 @@ fn path_scales(sequence: &Sequence, path: &ScopePath, frames: &[usize], log_dept
 /// over their places, so that moving or hidden places do not count. A frame's scale is the median of its
 /// differences from frames spread over all. A frame without a value has scale 0.
 fn still_scales(log_depth: &[Vec<f32>]) -> Vec<f32> {
-    let n = log_depth.len();
-    let some = n.min(REFERENCES);
-    let references: Vec<&Vec<f32>> = (0..some).map(|k| &log_depth[(2 * k + 1) * n / (2 * some)]).collect();
+    let references: Vec<&Vec<f32>> = spread(log_depth.len(), REFERENCES).map(|k| &log_depth[k]).collect();
     let apart = |a: &[f32], b: &[f32]| median(a.iter().zip(b).map(|(a, b)| a - b));
     let scale = |row: &Vec<f32>| median(references.iter().filter_map(|reference| apart(row, reference)));
     centred(log_depth.par_iter().map(|row| scale(row).unwrap_or(f32::NAN)).collect())

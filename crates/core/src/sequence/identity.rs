@@ -11,7 +11,7 @@ use super::{
     read,
     recording::{FrameFiles, Picture, Recording},
 };
-use crate::{Error, Result};
+use crate::{Error, Result, num::spread};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{
@@ -62,8 +62,7 @@ impl Display for Difference {
 impl Identity {
     /// Returns what opening a recording tells: names and sizes, and for a video the content of a few frames.
     pub(super) fn opened(recording: &Recording) -> Result<Self> {
-        let n = recording.frames.len();
-        let spots = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS)));
+        let spots = spread(recording.frames.len(), SPOTS);
         let mut bytes = 0;
         // In a long video, even a few frames can stand for many bytes: those coded between them count too.
         let coded = coded_pictures(&recording.frames);

@@ -6,6 +6,7 @@ use crate::{
     camera::Camera,
     files::{Inputs, full_path, unfinished_kind},
     grid::{Grid, Mask},
+    num::spread,
 };
 use estimated::Estimated;
 use field_of_view::FieldOfView;
@@ -443,12 +444,12 @@ impl Sequence {
         // An evaluation may hold the others out.
         let all = self.used_frames(true);
         let some = all.len().min(FIELD_OF_VIEW_FRAMES);
-        let spread = (0..some).map(|k| all[(2 * k + 1) * all.len() / (2 * some)]);
         // Of long videos, those frames near to them that are decoded quickly.
         let near = |i: usize| self.recording().entry_near(i, self.num_frames() / (8 * some));
-        let spread = spread.map(near).map(|i| if Self::is_test_frame(i) { i + 1 } else { i });
+        let looked_at = spread(all.len(), some).map(|k| near(all[k]));
+        let looked_at = looked_at.map(|i| if Self::is_test_frame(i) { i + 1 } else { i });
         // A black rectangle could be taken for a border.
-        FieldOfView::detect(width, height, spread.filter_map(|i| self.recording().frame_in_full(i).ok()))
+        FieldOfView::detect(width, height, looked_at.filter_map(|i| self.recording().frame_in_full(i).ok()))
     }
 
     fn found_field_of_view(&self) -> &FieldOfView {

@@ -20,6 +20,7 @@ use surgtpgs_core::{
     files::Inputs,
     grid::{Grid, Mask},
     mask,
+    num::spread,
     segment::{FrameMasks, Level, MaskSettings, automatic_masks},
     sequence::{Class, NO_LABEL, Sequence},
 };
@@ -87,9 +88,7 @@ impl Measure for BenchMasksArgs {
         }
         let mut model = SegmentAnything::open(&self.masks_model)?;
         say(&format!("{} on {}", model.generation(), surgtpgs_clip::backend_name()));
-        let n = sequence.num_frames();
-        let some = n.min(self.frames as usize);
-        let frames: Vec<usize> = (0..some).map(|k| (2 * k + 1) * n / (2 * some)).collect();
+        let frames: Vec<usize> = spread(sequence.num_frames(), self.frames as usize).collect();
         let mut outcomes = Vec::new();
         for &density in &self.density {
             let outcome = measure(&mut model, &sequence, &frames, density, &files)?;
