@@ -95,6 +95,11 @@ pub(crate) struct Info {
 }
 
 impl Info {
+    /// Returns `true` if a frame of a long recording is not reconstructed yet.
+    pub(crate) fn is_unlearned(&self, frame: usize) -> bool {
+        self.unlearned.iter().any(|frames| frames.contains(&frame))
+    }
+
     /// Returns `true` if both are of one recording. If that is not known, name and length are compared.
     pub(crate) fn is_same_recording(&self, other: &Self) -> bool {
         match (&self.sequence, &other.sequence) {

@@ -145,10 +145,9 @@ impl ExportDialog {
             return;
         };
         export.poll();
-        let backend = &shared.backend;
         let (is_done, is_closed) = widgets::dialog(ctx, "export", 560.0, |ui| {
             ui.heading("Export masked frames");
-            asking_ui(ui, &mut export, backend, actions)
+            asking_ui(ui, &mut export, shared, actions)
         });
         if is_done || is_closed {
             actions.push(Action::CloseDialog);
@@ -158,12 +157,7 @@ impl ExportDialog {
 }
 
 /// Shows the settings of an export; returns `true` if the dialog is to be closed.
-fn asking_ui(
-    ui: &mut Ui,
-    export: &mut Export,
-    backend: &Arc<dyn Backend>,
-    actions: &mut Vec<Action>,
-) -> bool {
+fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Vec<Action>) -> bool {
     let names: Vec<_> = export.request.questions.iter().map(|q| format!("\"{}\"", q.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
@@ -176,7 +170,7 @@ fn asking_ui(
     frames_ui(ui, export);
     ui.horizontal(|ui| {
         if export.picking.button_ui(ui, "Folder…").clicked() {
-            export.pick_folder(backend.clone(), &ui.ctx().clone());
+            export.pick_folder(shared.backend.clone(), &ui.ctx().clone());
         }
         path_field(ui, "Folder of the export", &mut export.request.folder);
     });
@@ -191,8 +185,15 @@ fn asking_ui(
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     let is_ready = !options.formats.is_empty() && !questions.is_empty() && !has_gaps;
-    let count = if is_ready { num_files(&options.formats, frames.len(), questions.len()) } else { 0 };
+    let unlearned = |frame: &&usize| shared.info().is_some_and(|info| info.is_unlearned(**frame));
+    let num_left_out = frames.iter().filter(unlearned).count();
+    let num_shown = frames.len() - num_left_out;
+    let count = if is_ready { num_files(&options.formats, num_shown, questions.len()) } else { 0 };
     ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
+    if num_left_out > 0 {
+        let text = format!("Frames that are not reconstructed yet are left out: {}", thousands(num_left_out));
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
     ui.label(caption("A provenance.json beside them says how they were made."));
     ui.horizontal(|ui| {
         if ui.add_enabled(is_ready, main_button("Start export")).clicked() {

@@ -2,7 +2,6 @@
 
 use crate::viewer::{
     action::Action,
-    backend::Info,
     command::{Command, entry},
     panels::widgets::{caption, choice},
     shared::Shared,
@@ -136,10 +135,9 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let (here, all) = (marks.on(frame).count(), marks.all().len());
     let how = shared.viewport.marking.tool.label().1;
     ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
-    let is_learned = |info: &Info| !info.unlearned.iter().any(|frames| frames.contains(&frame));
     if shared.has_waiting_marks() {
         waits_ui(ui, shared);
-    } else if here > 0 && !shared.info().is_none_or(is_learned) {
+    } else if here > 0 && shared.info().is_some_and(|info| info.is_unlearned(frame)) {
         let text = "This frame is not reconstructed yet: its marks wait until it is.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     } else if lacks_opposite(shared) {

@@ -268,9 +268,7 @@ fn cautions(shared: &Shared) -> impl Iterator<Item = String> {
     let guessed = info.filter(|i| i.shape_is_guessed()).map(|_| GUESSED.to_owned());
     let shown = shared.picture().map_or(0, |p| p.request.view.frame);
     let unfinished = info.filter(|i| i.is_unfinished()).map(|info| match shared.is_reconstructing() {
-        _ if info.unlearned.iter().any(|frames| frames.contains(&shown)) => {
-            "This part is not reconstructed yet".to_owned()
-        }
+        _ if info.is_unlearned(shown) => "This part is not reconstructed yet".to_owned(),
         true => "Still being learned".to_owned(),
         false => format!("Stopped early, after {:.0} % of its learning", 100.0 * info.learned),
     });

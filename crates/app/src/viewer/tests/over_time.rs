@@ -163,6 +163,18 @@ fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
 }
 
 #[test]
+fn frames_that_are_not_reconstructed_yet_are_no_files() {
+    let mut window = Window::on(Info { learned: 0.4, unlearned: vec![0..3, 8..9], ..scene() });
+    window.add_prompt("gallbladder");
+    window.until_found();
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    // 44 overlays, 44 masks
+    assert!(window.shows("88 files will be written"));
+    assert!(window.shows("Frames that are not reconstructed yet are left out: 4"));
+}
+
+#[test]
 fn nothing_is_learned_from_excluded_frames() {
     let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
     let mut window = Window::on(recording);
