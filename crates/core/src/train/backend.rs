@@ -8,6 +8,7 @@ use crate::{
     Result,
     camera::{Camera, Twist},
     clock::PassClock,
+    deform::Deformation,
     gaussian::Gaussians,
     raster::project::Sampling,
 };
@@ -127,6 +128,17 @@ pub trait TrainBackend: Send {
     /// Brings the model up to date.
     fn finish(&mut self, _model: &mut Model, _context: &Context<'_>) -> Result<StepOutcome> {
         Ok(StepOutcome::default())
+    }
+
+    /// Waits for all submitted steps. Returns their outcome, and the Gaussians with their motion as they are now;
+    /// the model may stay out of date.
+    fn shown(
+        &mut self,
+        model: &mut Model,
+        context: &Context<'_>,
+    ) -> Result<(StepOutcome, Gaussians, Deformation)> {
+        let outcome = self.finish(model, context)?;
+        Ok((outcome, model.gaussians.clone(), model.deformation.clone()))
     }
 
     /// Drops the device's copy of the model, which was changed outside.

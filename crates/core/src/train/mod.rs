@@ -406,11 +406,13 @@ impl Trainer {
 
     /// Scene in its current state, ready to be saved or shown.
     pub fn scene(&mut self) -> Result<Scene> {
-        self.finish()?;
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
+        let (outcome, gaussians, deformation) = self.backend.shown(&mut self.state.model, &context)?;
+        self.take_in(outcome);
         let prepared = self.prepared.as_ref();
         Ok(Scene {
-            gaussians: self.state.model.gaussians.clone().into(),
-            deformation: self.state.model.deformation.clone().into(),
+            gaussians: gaussians.into(),
+            deformation: deformation.into(),
             chapters: Chapters::default(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             times: self.state.times.clone(),

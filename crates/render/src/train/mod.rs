@@ -36,7 +36,8 @@ use step::StepPasses;
 use surgtpgs_core::{
     Error, Remedy, Result,
     clock::{PassClock, PassName},
-    deform::GATE_CHANNEL,
+    deform::{Deformation, GATE_CHANNEL},
+    gaussian::Gaussians,
     raster::{
         Images,
         project::{Splat, SplatGradient},
@@ -332,6 +333,24 @@ impl TrainBackend for GpuBackend {
                 resident.is_known = true;
             }
             Ok(outcome)
+        })
+    }
+
+    fn shown(
+        &mut self,
+        model: &mut Model,
+        context: &Context<'_>,
+    ) -> Result<(StepOutcome, Gaussians, Deformation)> {
+        let gpu = self.gpu.clone();
+        gpu.guarded(|| {
+            let outcome = self.read_history(model, context)?;
+            let (mut gaussians, mut deformation) = (model.gaussians.clone(), model.deformation.clone());
+            if let Some(resident) = self.resident.as_ref().filter(|r| !r.is_known) {
+                let tables = self.deform.tables.read(&gpu, usize::MAX)?;
+                let network = &tables[deformation.num_bases..];
+                resident.read_shown(&gpu, &mut gaussians, &mut deformation, network)?;
+            }
+            Ok((outcome, gaussians, deformation))
         })
     }
 

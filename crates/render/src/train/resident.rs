@@ -13,6 +13,7 @@ use surgtpgs_core::{
     Result,
     camera::Twist,
     deform::{COLOUR_CHANNEL, Deformation, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
+    gaussian::Gaussians,
     train::{
         Adam, LossTerms, Model, NUM_TERMS, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections,
     },
@@ -205,63 +206,78 @@ impl Resident {
         })
     }
 
-    /// Brings the model up to date; `network` holds the feature network's weight and bias.
-    pub(super) fn read_into(&self, gpu: &Gpu, model: &mut Model, network: &[f32]) -> Result<()> {
-        let Model { gaussians, deformation, optimiser, statistics } = model;
+    /// Brings Gaussians and their motion up to date; `network` holds the feature network's weight and bias.
+    pub(super) fn read_shown(
+        &self,
+        gpu: &Gpu,
+        gaussians: &mut Gaussians,
+        deformation: &mut Deformation,
+        network: &[f32],
+    ) -> Result<()> {
         let n = self.num_gaussians;
         RestRow::write_into(&self.scene.rest.read(gpu, n)?, gaussians);
-        let (bands, dim) = (gaussians.sh_bands() * 3, gaussians.latent_dim);
-        gaussians.sh_rest = self.scene.sh_rest.read(gpu, n * bands)?;
-        gaussians.features = self.scene.features.read(gpu, n * dim)?;
-        self.rest.read_into(gpu, &mut optimiser.rest, n * WIDTH)?;
-        optimiser.rest.first = from_device(&optimiser.rest.first);
-        optimiser.rest.second = from_device(&optimiser.rest.second);
-        self.sh_rest.read_into(gpu, &mut optimiser.sh_rest, n * bands)?;
-        self.features.read_into(gpu, &mut optimiser.features, n * dim)?;
-        self.read_bases(gpu, deformation, optimiser)?;
-        self.read_network(gpu, deformation, optimiser, network)?;
-        *statistics = Statistics { pull: self.pull_sums.read(gpu, n)?, seen: self.times_seen.read(gpu, n)? };
-        set_counts(optimiser, &self.status.read(gpu, usize::MAX)?);
-        Ok(())
-    }
-
-    fn read_bases(&self, gpu: &Gpu, deformation: &mut Deformation, optimiser: &mut Optimiser) -> Result<()> {
+        gaussians.sh_rest = self.scene.sh_rest.read(gpu, n * gaussians.sh_bands() * 3)?;
+        gaussians.features = self.scene.features.read(gpu, n * gaussians.latent_dim)?;
+        let (weight, bias) = network.split_at(deformation.feature_weight.len());
+        deformation.feature_weight.copy_from_slice(weight);
+        deformation.feature_bias.copy_from_slice(bias);
         let (parts, stride) = (&self.scene.parts, deformation.stride);
-        let plane = self.num_gaussians * stride;
+        let plane = n * stride;
         let len = deformation.num_bases * plane;
         let read = |from: &Planes, to: &mut Vec<f32>| {
             to.resize(len, 0.0);
             read_planes(gpu, from, parts, stride, to.chunks_mut(plane.max(1)))
         };
         read(&self.scene.weights, &mut deformation.weights)?;
-        self.weights.read_bases(gpu, parts, stride, optimiser.bases.iter_mut())?;
-        if let Some(own) = &self.own_bases {
+        if self.own_bases.is_some() {
             read(&self.scene.centres, &mut deformation.centres)?;
             read(&self.scene.widths, &mut deformation.widths)?;
-            for (which, moments) in own.iter().enumerate() {
-                let adams = optimiser.own_bases.iter_mut().map(|own| &mut own[which]);
-                moments.read_bases(gpu, parts, stride, adams)?;
-            }
         }
         Ok(())
     }
 
+    /// Brings the model up to date; `network` as for [`Resident::read_shown`].
+    pub(super) fn read_into(&self, gpu: &Gpu, model: &mut Model, network: &[f32]) -> Result<()> {
+        let Model { gaussians, deformation, optimiser, statistics } = model;
+        self.read_shown(gpu, gaussians, deformation, network)?;
+        let n = self.num_gaussians;
+        let (bands, dim) = (gaussians.sh_bands() * 3, gaussians.latent_dim);
+        self.rest.read_into(gpu, &mut optimiser.rest, n * WIDTH)?;
+        optimiser.rest.first = from_device(&optimiser.rest.first);
+        optimiser.rest.second = from_device(&optimiser.rest.second);
+        self.sh_rest.read_into(gpu, &mut optimiser.sh_rest, n * bands)?;
+        self.features.read_into(gpu, &mut optimiser.features, n * dim)?;
+        self.read_bases(gpu, deformation.stride, optimiser)?;
+        self.read_network(gpu, network.len(), deformation.feature_weight.len(), optimiser)?;
+        *statistics = Statistics { pull: self.pull_sums.read(gpu, n)?, seen: self.times_seen.read(gpu, n)? };
+        set_counts(optimiser, &self.status.read(gpu, usize::MAX)?);
+        Ok(())
+    }
+
+    /// Reads the moments of the bases, whose rows have `stride` values.
+    fn read_bases(&self, gpu: &Gpu, stride: usize, optimiser: &mut Optimiser) -> Result<()> {
+        let parts = &self.scene.parts;
+        self.weights.read_bases(gpu, parts, stride, optimiser.bases.iter_mut())?;
+        for (which, moments) in self.own_bases.iter().flatten().enumerate() {
+            let adams = optimiser.own_bases.iter_mut().map(|own| &mut own[which]);
+            moments.read_bases(gpu, parts, stride, adams)?;
+        }
+        Ok(())
+    }
+
+    /// Reads the moments of the feature network's `len` numbers, of which the first `num_weights` are the weight.
     fn read_network(
         &self,
         gpu: &Gpu,
-        deformation: &mut Deformation,
+        len: usize,
+        num_weights: usize,
         optimiser: &mut Optimiser,
-        network: &[f32],
     ) -> Result<()> {
-        let first = self.network.first.read(gpu, network.len())?;
-        let second = self.network.second.read(gpu, network.len())?;
-        let split = deformation.feature_weight.len();
-        deformation.feature_weight.copy_from_slice(&network[..split]);
-        deformation.feature_bias.copy_from_slice(&network[split..]);
-        (optimiser.net_weight.first, optimiser.net_bias.first) =
-            (first[..split].into(), first[split..].into());
-        (optimiser.net_weight.second, optimiser.net_bias.second) =
-            (second[..split].into(), second[split..].into());
+        let first = self.network.first.read(gpu, len)?;
+        let second = self.network.second.read(gpu, len)?;
+        let (weight, bias) = (&mut optimiser.net_weight, &mut optimiser.net_bias);
+        (weight.first, bias.first) = (first[..num_weights].into(), first[num_weights..].into());
+        (weight.second, bias.second) = (second[..num_weights].into(), second[num_weights..].into());
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use surgtpgs_core::{
     stress::small_clip,
     train::{DensifySettings, Profile, TrainSettings, Trainer},
 };
-use surgtpgs_render::{Gpu, GpuBackend};
+use surgtpgs_render::{AdapterChoice, Gpu, GpuBackend};
 use tempfile::TempDir;
 
 const STEPS: usize = 200;
@@ -151,4 +151,30 @@ fn trying_a_backend_out_changes_nothing() {
     assert!(seconds > 0.0);
     assert!((terms.total() - expected.total()).abs() < 1e-3 * expected.total(), "{terms:?} {expected:?}");
     assert!(train(tried, None).0.gaussians == plain.0.gaussians);
+}
+
+#[test]
+fn a_scene_comes_back_without_what_only_the_training_needs() {
+    if gpu().is_none() {
+        return;
+    }
+    // Other tests read from the shared device meanwhile.
+    let gpu = Gpu::open(AdapterChoice::Any).unwrap();
+    let clip = Clip::new();
+    let mut trainer = clip.trainer();
+    trainer.set_backend(Box::new(GpuBackend::new(gpu.clone()).unwrap())).unwrap();
+    // Gaussians have come and gone meanwhile.
+    for _ in 0..60 {
+        trainer.step().unwrap();
+    }
+    let before = gpu.traffic().read_back;
+    let shown = trainer.scene().unwrap();
+    let with_scene = gpu.traffic().read_back;
+    trainer.finish().unwrap();
+    let with_all = gpu.traffic().read_back;
+    let [of_scene, of_all] = [with_scene - before, with_all - with_scene];
+    assert!(0 < of_scene && 2 * of_scene < of_all, "{of_scene} of {of_all} bytes");
+    let finished = trainer.scene().unwrap();
+    assert!(shown.gaussians == finished.gaussians && shown.deformation == finished.deformation);
+    assert_eq!(gpu.traffic().read_back, with_all, "it is there already");
 }
