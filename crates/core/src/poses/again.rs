@@ -26,21 +26,25 @@ const LARGEST_ANGLE: f64 = 0.6;
 /// Smallest depth of a point that is looked for, in units of the typical depth.
 const NEAREST: f64 = 0.05;
 
-/// Looks for points in frames that do not see them, and adjusts the path to what is found. `views` are the
-/// frames of the path, as `lens` shows them; without them nothing is found.
+/// Looks for the points that a path explains in frames that do not see them, and adjusts the path to what is
+/// found. `views` are its frames at half the size of those that `lens` shows; without them nothing is found.
 pub(super) fn find(builder: &mut Builder, lens: &Lens, views: &[View]) {
     if views.is_empty() {
         return;
     }
-    let search = Search { path: builder, lens, views };
-    let found = search.path.landmarks.par_iter().map(|mark| search.observations(mark)).collect();
+    let search = Search { path: builder, lens: lens.halved(), views };
+    let again = |mark: &Landmark| match is_explained(mark, search.path, lens) {
+        true => search.observations(mark),
+        false => Vec::new(),
+    };
+    let found = search.path.landmarks.par_iter().map(again).collect();
     builder.add(found);
 }
 
 /// A path, and the frames that points are looked for in.
 struct Search<'a> {
     path: &'a Builder,
-    lens: &'a Lens,
+    lens: Lens,
     views: &'a [View],
 }
 
@@ -48,9 +52,7 @@ impl Search<'_> {
     /// Returns where a point is found again, before it was first seen and after it was last seen.
     fn observations(&self, mark: &Landmark) -> Vec<Observation> {
         let ends = mark.observations.first().zip(mark.observations.last());
-        let Some((first, last)) = ends.filter(|_| is_explained(mark, self.path, self.lens)) else {
-            return Vec::new();
-        };
+        let Some((first, last)) = ends else { return Vec::new() };
         let before = (0..first.frame).filter_map(|frame| self.found(mark, first, frame));
         let after = (last.frame + 1..self.views.len()).filter_map(|frame| self.found(mark, last, frame));
         before.chain(after).collect()
@@ -153,6 +155,7 @@ mod tests {
     #[test]
     fn a_point_is_found_again_from_elsewhere_and_mends_the_path() {
         let lens = Lens { camera: Camera::with_field_of_view(160, 120, 60.0), shrink: 1.0 };
+        let whole = Lens { shrink: 0.5, ..lens };
         let beside = |x: f64| DAffine3::from_translation(DVec3::new(x, 0.0, 0.0));
         let truth = [DAffine3::IDENTITY, beside(0.03), beside(0.06), elsewhere(0.25), elsewhere(0.6)];
         let views: Vec<View> = truth.iter().map(|pose| view(&lens, pose)).collect();
@@ -171,7 +174,7 @@ mod tests {
         // The path is off by three pixels where nothing told.
         let off = DAffine3::from_quat(DQuat::from_rotation_y(3.0 / lens.focal_px()));
         builder.poses[3] = off * truth[3];
-        find(&mut builder, &lens, &views);
+        find(&mut builder, &whole, &views);
         let again = |frame: usize| {
             let found = builder.landmarks.iter().filter_map(|mark| {
                 let seen = mark.observations.iter().find(|seen| seen.frame == frame)?;

@@ -74,16 +74,16 @@ impl Builder {
         None
     }
 
-    /// Adds observations to the points, for each point a list, and adjusts the path.
+    /// Adds observations to the points, for each point a list in the order of frames, and adjusts the path.
     pub(super) fn add(&mut self, new: Vec<Vec<Observation>>) {
         for (k, (mark, new)) in self.landmarks.iter_mut().zip(new).enumerate() {
+            let earlier = new.first().filter(|first| mark.before(first.frame + 1).is_empty());
+            if let Some((first, position)) = earlier.zip(mark.position) {
+                mark.expected_depth = self.poses[first.frame].transform_point3(position).z;
+            }
             new.iter().for_each(|observation| self.seen[observation.frame].push(k));
             mark.observations.extend(new);
             mark.observations.sort_by_key(|observation| observation.frame);
-            let first = mark.position.zip(mark.observations.first());
-            mark.expected_depth = first.map_or(mark.expected_depth, |(position, observation)| {
-                self.poses[observation.frame].transform_point3(position).z
-            });
         }
         self.adjust_all();
     }

@@ -248,16 +248,12 @@ pub fn estimate(
     let mut followed = Followed::new(sequence, timeline, observer)?;
     let still_share = still_share(&followed.tracks);
     let mut path = ScopePath {
-        verdict: Verdict::Still,
         still_share,
         moving_share: still_share,
         // Where a shot has one lens, a part that stands still has it, too.
         zoom: sequence.estimated_zoom().filter(|zoom| *zoom != 1.0),
         blurred: std::mem::take(&mut followed.blurred),
-        poses: Vec::new(),
-        swaying: Vec::new(),
-        typical_depth: None,
-        points: Vec::new(),
+        ..ScopePath::default()
     };
     if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < MIN_INLIER_GAIN {
         return Ok(path);
@@ -284,7 +280,7 @@ pub fn estimate(
         return Ok(path);
     }
     Progress::new("looking again for what was lost", 0, 1).tell(observer)?;
-    again::find(&mut builder, &lens.halved(), &views);
+    again::find(&mut builder, &lens, &views);
     let times: Vec<f32> = used.iter().map(|&frame| timeline.times[frame]).collect();
     // With measured depth, the unit is the typical one already.
     let unit = if sequence.depth_origin().is_measured() { 1.0 } else { median_depth(&builder) };
