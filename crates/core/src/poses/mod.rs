@@ -279,7 +279,7 @@ pub fn estimate(
     if !matches!(path.verdict, Verdict::Moves { .. }) {
         return Ok(path);
     }
-    Progress::new("looking again for what was lost", 0, 1).tell(observer)?;
+    Progress::new("looking for points again", 0, 1).tell(observer)?;
     again::find(&mut builder, &lens, &views);
     let times: Vec<f32> = used.iter().map(|&frame| timeline.times[frame]).collect();
     // With measured depth, the unit is the typical one already.
