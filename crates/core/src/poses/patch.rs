@@ -142,19 +142,19 @@ impl Patch {
         Some((at, likeness))
     }
 
-    /// Finds the patch up to `reach` px from `start`, along each axis. Returns its position and likeness, at
+    /// Finds the patch up to `distance` px from `start`, along each axis. Returns its position and likeness, at
     /// most 1; `None` if it runs away.
     pub(super) fn found_around(
         &self,
         image: &Grid<f32>,
         start: [f32; 2],
-        reach: i32,
+        distance: i32,
     ) -> Option<([f32; 2], f32)> {
         let middle = start.map(|v| v.round() as i32);
         let clamped = |v: i32, length: usize| v.clamp(0, length as i32 - 1) as usize;
         let mut best = (f32::MIN, start);
-        // What is found from a pixel beside it is found.
-        let steps = || (-reach..=reach).step_by(2);
+        // Every second pixel is enough: `found` goes on from the best one.
+        let steps = || (-distance..=distance).step_by(2);
         for (x, y) in steps().flat_map(|dy| steps().map(move |dx| (middle[0] + dx, middle[1] + dy))) {
             let mut seen = [0.0; AREA];
             offsets().zip(&mut seen).for_each(|((dx, dy), s)| {

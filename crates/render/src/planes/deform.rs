@@ -146,6 +146,11 @@ impl DeformPass {
         self.tables.write_at(gpu, 0, &values);
     }
 
+    /// Reads the feature network back: its weight, then its bias.
+    pub(crate) fn read_network(&self, gpu: &Gpu, deformation: &Deformation) -> Result<Vec<f32>> {
+        Ok(self.tables.read(gpu, usize::MAX)?.split_off(deformation.num_bases))
+    }
+
     /// Adds the pass; [`Self::prepare`] must have been called with the same arguments.
     pub(crate) fn encode(
         &self,

@@ -328,8 +328,8 @@ impl TrainBackend for GpuBackend {
         gpu.guarded(|| {
             let outcome = self.read_history(model, context)?;
             if let Some(resident) = self.resident.as_mut().filter(|r| !r.is_known) {
-                let tables = self.deform.tables.read(&gpu, usize::MAX)?;
-                resident.read_into(&gpu, model, &tables[model.deformation.num_bases..])?;
+                let network = self.deform.read_network(&gpu, &model.deformation)?;
+                resident.read_into(&gpu, model, &network)?;
                 resident.is_known = true;
             }
             Ok(outcome)
@@ -346,9 +346,8 @@ impl TrainBackend for GpuBackend {
             let outcome = self.read_history(model, context)?;
             let (mut gaussians, mut deformation) = (model.gaussians.clone(), model.deformation.clone());
             if let Some(resident) = self.resident.as_ref().filter(|r| !r.is_known) {
-                let tables = self.deform.tables.read(&gpu, usize::MAX)?;
-                let network = &tables[deformation.num_bases..];
-                resident.read_shown(&gpu, &mut gaussians, &mut deformation, network)?;
+                let network = self.deform.read_network(&gpu, &deformation)?;
+                resident.read_shown(&gpu, &mut gaussians, &mut deformation, &network)?;
             }
             Ok((outcome, gaussians, deformation))
         })
