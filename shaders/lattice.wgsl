@@ -66,6 +66,10 @@ fn look_up(
         planes[(FEATURE_PLANE + 1u) * params.num_pixels + pixel],
         planes[(FEATURE_PLANE + 2u) * params.num_pixels + pixel],
     );
+    let shortest = MIN_LATENT_LENGTH * alpha;
+    if dot(feature, feature) < shortest * shortest {
+        return;
+    }
     let latent = feature / alpha;
     if !(is_finite(latent.x) && is_finite(latent.y) && is_finite(latent.z)) {
         return;

@@ -1,7 +1,7 @@
 //! Long recordings: trained, joined, asked and exported chapter by chapter.
 
-use std::{fs, path::Path};
-use surgtpgs_tests::{run_in, signal, start_until_training};
+use std::{fs, path::Path, process::Stdio};
+use surgtpgs_tests::{command_in, run_in, signal, start_until_training};
 
 const TRAIN: [&str; 8] =
     ["train", "prepared", "--chapter-frames", "8", "--iterations", "40", "--backend", "cpu"];
@@ -77,8 +77,13 @@ fn chapters_as_jobs_of_a_batch_come_to_the_same_bytes_as_the_batch_alone() {
     of_one(&["--step", "prepare"]).ok();
     let counted = of_one(&["--count-chapters", "--json"]).ok().json();
     assert_eq!(counted["chapters"], 3);
-    for chapter in ["2", "0"] {
-        of_one(&["--chapter", chapter]).ok();
+    // A workflow starts them together.
+    let start = |chapter: &str| {
+        let line = [&["batch"][..], &one, &["--chapter", chapter]].concat();
+        command_in(folder).args(line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    for mut chapter in ["2", "0"].map(start) {
+        assert!(chapter.wait().unwrap().success());
     }
     let again = of_one(&["--chapter", "0"]).ok();
     assert!(again.stderr.contains("chapter 0 is done"), "{}", again.stderr);

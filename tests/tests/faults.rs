@@ -283,6 +283,13 @@ fn an_ffmpeg_that_is_missing_or_dies_is_one_plain_message() {
     let works = train_with_ffmpeg(Some(&two));
     assert_eq!(works.code, 0, "{works:#?}");
     assert!(train_with_ffmpeg(None).refused(3).contains("Install ffmpeg"));
+    let (folder, _) = training_with_ffmpeg(None);
+    for more in [None, Some("--json")] {
+        let mut check = surgtpgs_tests::command_in(folder.path());
+        check.args(["check", "clip.avi"]).args(more).env("PATH", folder.path().join("programs"));
+        let run = Run::from(check.output().unwrap());
+        assert!(run.refused(3).contains("Install ffmpeg") && run.stdout.is_empty(), "{run:#?}");
+    }
     let run = train_with_ffmpeg(Some(&format!("{two}; kill -9 $$")));
     assert!(run.refused(1).contains("nor by ffmpeg"), "{run:#?}");
     let full = train_with_ffmpeg(Some(&format!("{two}; echo 'No space left on device' >&2; exit 1")));

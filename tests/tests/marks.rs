@@ -73,7 +73,11 @@ fn words_find_what_was_marked_and_nothing_else() {
         [false, false, true],
         "{report}"
     );
-    let text = flow().run(&["query", scene, "--marks", &marks, "--prompt", "liver", "spaceship"]).ok().stdout;
+    let asked = ["query", scene, "--marks", &marks, "--prompt", "liver", "spaceship"];
+    let csv = flow().run(&[&asked[..], &["--frames", "3", "--csv"]].concat()).ok().stdout;
+    let ends: Vec<&str> = csv.lines().skip(1).filter_map(|line| line.rsplit(',').next()).collect();
+    assert_eq!(ends, ["false", "true"], "{csv}");
+    let text = flow().run(&asked).ok().stdout;
     assert!(text.contains("look here") && text.contains("cannot be looked for: mark it by hand"), "{text}");
 }
 

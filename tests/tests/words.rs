@@ -126,13 +126,31 @@ fn links_between_pages_lead_somewhere() {
         if is_code {
             return;
         }
-        for link in line.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-            let file = link.split('#').next().unwrap();
-            let is_outside = file.is_empty() || file.contains("://") || file.starts_with("mailto:");
-            if !is_outside && !path.parent().unwrap().join(file).exists() {
-                wrong.push(format!("{}:{number}: {link}", path.display()));
+        for rest in line.split("](").skip(1) {
+            let link = rest.split_once(')').map(|(link, _)| link);
+            if !link.is_some_and(|link| leads_somewhere(path, link)) {
+                wrong.push(format!("{}:{number}: {rest}", path.display()));
             }
         }
     });
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Tests whether a link in a page leads to a file, and to a heading of it; pages elsewhere are not looked at.
+fn leads_somewhere(page: &Path, link: &str) -> bool {
+    let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+    if file.contains("://") || file.starts_with("mailto:") {
+        return true;
+    }
+    let target = if file.is_empty() { page.to_owned() } else { page.parent().unwrap().join(file) };
+    let has_heading =
+        || fs::read_to_string(&target).unwrap().lines().any(|line| anchor(line).as_deref() == Some(heading));
+    target.exists() && (heading.is_empty() || has_heading())
+}
+
+/// Returns the name by which links know a heading.
+fn anchor(line: &str) -> Option<String> {
+    let heading = line.strip_prefix('#')?.trim_start_matches('#').trim().to_lowercase();
+    let kept = heading.chars().filter(|c| c.is_alphanumeric() || "-_ ".contains(*c));
+    Some(kept.map(|c| if c == ' ' { '-' } else { c }).collect())
 }

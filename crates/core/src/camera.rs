@@ -85,6 +85,20 @@ impl Camera {
         }
     }
 
+    /// Returns the same view at half the resolution: each pixel covers 2×2 of the others. The last column or row
+    /// of an odd number is left out.
+    pub fn halved(&self) -> Self {
+        Self {
+            width: self.width / 2,
+            height: self.height / 2,
+            fx: 0.5 * self.fx,
+            fy: 0.5 * self.fy,
+            cx: 0.5 * self.cx,
+            cy: 0.5 * self.cy,
+            ..*self
+        }
+    }
+
     /// Returns the same view in pictures whose longer side has `longest` pixels at most.
     pub fn shrunk(&self, longest: u32) -> Self {
         let by = self.width.max(self.height).div_ceil(longest).max(1);
@@ -184,5 +198,17 @@ mod tests {
         assert!((u - 12.5).abs() < 1e-3 && (v - 400.5).abs() < 1e-3 && (z - 7.0).abs() < 1e-5);
         let behind = camera.unproject(320.0, 256.0, -1.0);
         assert!(camera.project(behind).is_none());
+    }
+
+    #[test]
+    fn a_point_comes_to_half_its_place_at_half_the_size_even_of_an_odd_one() {
+        for (width, height) in [(640, 480), (853, 479), (3, 2)] {
+            let camera = Camera::with_field_of_view(width, height, 60.0);
+            let half = camera.halved();
+            assert_eq!((half.width, half.height), (width / 2, height / 2));
+            let (u, v) = (width as f32 - 0.5, 0.75);
+            let (found_u, found_v, _) = half.project(camera.unproject(u, v, 5.0)).unwrap();
+            assert!((found_u - 0.5 * u).abs() < 1e-3 && (found_v - 0.5 * v).abs() < 1e-3, "{width}×{height}");
+        }
     }
 }

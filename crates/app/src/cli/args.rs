@@ -67,7 +67,7 @@ pub(super) struct SceneArgs {
 impl SceneArgs {
     /// Opens the scene and says what renders it. Prompts are answered as `relevancy` says.
     pub(super) fn open(&self, relevancy: &RelevancyArgs, sequence: Option<PathBuf>) -> Result<Engine> {
-        let encoder = relevancy.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
+        let encoder = encoder_for_scene(relevancy.text_encoder.as_deref());
         let mut engine = self.open_with(EngineOptions { backend: self.backend, encoder, sequence })?;
         engine.change_settings(|usual| relevancy.settings(usual));
         Ok(engine)
@@ -218,6 +218,11 @@ impl PromptArgs {
 /// Reads `builtin` or the path of a folder.
 pub(super) fn encoder_choice(arg: &str) -> EncoderChoice {
     if arg == "builtin" { EncoderChoice::Builtin } else { EncoderChoice::Folder(arg.into()) }
+}
+
+/// Returns the choice that an argument names; without one, the encoder of the scene.
+pub(super) fn encoder_for_scene(arg: Option<&str>) -> EncoderChoice {
+    arg.map_or(EncoderChoice::OfScene, encoder_choice)
 }
 
 /// Density of the points at which masks are asked for.

@@ -12,7 +12,7 @@ use crate::{
 };
 use clap::Args;
 use std::path::PathBuf;
-use surgtpgs_core::{Result, sequence::CheckReport, train::Quality};
+use surgtpgs_core::{Error, Result, sequence::CheckReport, train::Quality};
 
 /// Report what a recording holds and what would make training go wrong
 #[derive(Debug, Args)]
@@ -35,6 +35,8 @@ impl Run for CheckArgs {
                 let mut view = ProgressView::default();
                 jobs::check(material.sequence(), &mut |p| view.show(p))?
             }
+            // What this machine lacks says nothing about the recording.
+            Err(lacking @ Error::Missing { .. }) => return Err(lacking),
             Err(error) if self.json => unreadable(remedy::message(&error).replace('\n', " ")),
             Err(error) => return Err(error),
         };

@@ -1,16 +1,17 @@
 //! `surgtpgs convert`: scenes to and from files of other programs.
 
 use super::{
-    args::{FrameRange, frame_range, unit_number},
+    args::{FrameRange, encoder_for_scene, frame_range, unit_number},
     console::{ProgressView, print_report, say, watch_interrupts},
     page,
     verb::{Exit, Run},
 };
 use crate::{
+    engine::EncoderChoice,
     memory::{Work, require_for},
     outputs,
 };
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, ValueHint};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -65,6 +66,9 @@ pub(super) struct ConvertArgs {
     /// Words to show in a page, with what they find; may be given several times
     #[arg(long, visible_alias = "prompts", value_name = "TEXT", num_args = 1..)]
     prompt: Vec<String>,
+    /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
+    #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath, requires = "prompt")]
+    text_encoder: Option<String>,
     /// Overwrite what is there
     #[arg(long)]
     force: bool,
@@ -152,11 +156,19 @@ fn part(args: &ConvertArgs, target: &Target, scene: Scene) -> Result<Scene> {
     }
 }
 
+impl ConvertArgs {
+    /// Returns the text encoder that the words of a page are asked with.
+    fn encoder(&self) -> EncoderChoice {
+        encoder_for_scene(self.text_encoder.as_deref())
+    }
+}
+
 /// Returns the files that the conversion reads.
 fn inputs(args: &ConvertArgs, scene: &Scene) -> Inputs {
     let inputs = Inputs::none()
         .with("the scene", &args.input)
         .with_some("the other scene", args.like.as_deref())
+        .with_some("the text encoder", args.encoder().folder())
         .with("the scene's recording", &scene.provenance.sequence_path);
     match args.input.extension() {
         Some(ending) if ending.eq_ignore_ascii_case("ply") => {
@@ -304,7 +316,7 @@ fn write_page(args: &ConvertArgs, scene: Scene, inputs: &Inputs, done: &mut Conv
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
     let scene = Arc::new(scene);
     done.gaussians = scene.gaussians.len();
-    let bytes = scene.to_page(&page::prompts(&scene, &args.prompt)?);
+    let bytes = scene.to_page(&page::prompts(&scene, &args.prompt, args.encoder())?);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
@@ -448,6 +460,7 @@ fn as_text(done: &Conversion) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::{BackendChoice, asking_tests::engine_on};
     use clap::Parser;
     use surgtpgs_core::{scene::Chapter, stress::ordinary};
 
@@ -484,6 +497,9 @@ mod tests {
             assert_eq!(part(ordinary(6)).unwrap().num_frames(), 1);
             assert!(part(chapters(&[0, 1])).unwrap_err().to_string().contains("holds one chapter"));
         }
+        let asked = args("scene page.html --chapter 0");
+        let error = part(&asked, &Target::Page, ordinary(6)).unwrap_err().to_string();
+        assert!(error.contains("is one whole") && error.contains("Leave the chapter out"), "{error}");
         let args = args("scene small.safetensors");
         assert_eq!(part(&args, &Target::Scene, chapters(&[1])).unwrap().num_frames(), 9);
     }
@@ -530,6 +546,28 @@ mod tests {
         assert_eq!(of("in first.ply", &chapters(&[1])), (1, 7, 0), "the first that is shown");
         assert_eq!(of("in all.safetensors", &scene), (1, 13, 0));
         assert_eq!(of("in whole", &ordinary(4)), (1, 4, 0));
+    }
+
+    #[test]
+    fn a_page_is_asked_with_the_text_encoder_that_is_given() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scene = Scene::clone(engine_on(BackendChoice::Cpu, &["liver", "fat"], &[]).scene());
+        let gone = folder.path().join("encoder");
+        scene.encoder.as_mut().unwrap().folder = Some(gone.clone());
+        let page = |name: &str, more: &str| {
+            let line = format!("in {} --prompt liver {more}", folder.path().join(name).display());
+            let mut done = Conversion::of(&scene);
+            write(&args(&line), &Target::Page, scene.clone(), &Inputs::none(), &mut done)
+        };
+        let error = page("without.html", "").unwrap_err().to_string();
+        assert!(error.contains("is not there any more"), "{error}");
+        page("with.html", "--text-encoder builtin").unwrap();
+        std::fs::create_dir(&gone).unwrap();
+        let into = format!("in {0}/page.html --prompt liver --text-encoder {0}", gone.display());
+        let inputs = inputs(&args(&into), &ordinary(3));
+        assert!(outputs::scene_file(&gone.join("page.html"), &inputs, false).is_err());
+        let unasked = ["convert", "in", "page.html", "--text-encoder", "builtin"];
+        assert!(Line::try_parse_from(unasked).is_err());
     }
 
     #[test]

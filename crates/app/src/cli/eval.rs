@@ -110,7 +110,7 @@ impl EvalArgs {
 
     /// Measures that are taken beside the usual ones.
     pub(super) fn extras(&self) -> Extras<'_> {
-        Extras { lpips: self.lpips.as_deref(), fits_cameras: self.fit_cameras }
+        Extras { lpips: self.lpips.as_deref(), fits_cameras: self.fit_cameras, left_out: &[] }
     }
 
     fn evaluate_scene(

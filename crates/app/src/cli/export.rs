@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     export::{ExportOptions, ExportSummary, Format, PictureSource, SegType, num_files},
-    mask::CleanUp,
+    mask::{CleanUp, MAX_SMOOTH},
     overlay::{OverlayLook, OverlayStyle},
     palette::Palette,
 };
@@ -111,9 +111,9 @@ struct CleanUpArgs {
     /// thousandth of the picture go, and borders are rounded; with one of them, nothing else is done]
     #[arg(long, conflicts_with_all = ["smooth", "fill_holes", "min_area", "round", "grow"])]
     raw: bool,
-    /// Smooth scores over time: the mean over a frame and this many frames before and after it
-    #[arg(long, value_name = "FRAMES")]
-    smooth: Option<usize>,
+    /// Smooth scores over time: the mean over a frame and this many frames before and after it, of the same shot
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u16).range(..=MAX_SMOOTH as i64))]
+    smooth: Option<u16>,
     /// Fill holes of masks up to this area
     #[arg(long, value_name = "PX")]
     fill_holes: Option<usize>,
@@ -144,7 +144,7 @@ impl CleanUpArgs {
             return CleanUp::usual(width, height);
         }
         CleanUp {
-            smooth_frames: smooth.unwrap_or(0),
+            smooth_frames: smooth.unwrap_or(0).into(),
             fill_holes_px: fill_holes.unwrap_or(0),
             min_area_px: min_area.unwrap_or(0),
             round_px: round.unwrap_or(0).into(),
@@ -316,8 +316,11 @@ mod tests {
             assert!(clean_up(&[none, "0"]).is_off(), "{none}");
         }
         assert_eq!(clean_up(&["--round", "2"]), CleanUp { round_px: 2, ..Default::default() });
-        let both = ["export", "s", "--prompt", "liver", "-o", "out", "--raw", "--grow", "1"];
-        assert!(Line::try_parse_from(both).is_err());
+        assert_eq!(clean_up(&["--smooth", "5"]), CleanUp { smooth_frames: MAX_SMOOTH, ..Default::default() });
+        for wrong in [["--raw", "--grow=1"], ["--smooth", "6"]] {
+            let line = ["export", "s", "--prompt", "liver", "-o", "out"];
+            assert!(Line::try_parse_from(line.iter().chain(&wrong)).is_err(), "{wrong:?}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::answers::{PromptAnswers, ask};
 use crate::{
-    engine::{BackendChoice, Engine, EngineOptions, Negatives, Question, Verdict},
+    engine::{BackendChoice, EncoderChoice, Engine, EngineOptions, Negatives, Question, Verdict},
     settings::PROMPT_COLOURS,
 };
 use std::sync::Arc;
@@ -11,12 +11,17 @@ use surgtpgs_core::{
     scene::{PagePrompt, Scene},
 };
 
-/// Asks `words` on all frames. The CPU answers, so that equal scenes give equal pages.
-pub(super) fn prompts(scene: &Arc<Scene>, words: &[String]) -> Result<Vec<PagePrompt>> {
+/// Asks `words`, which a text encoder understands, on all frames. The CPU answers, so that equal scenes give
+/// equal pages.
+pub(super) fn prompts(
+    scene: &Arc<Scene>,
+    words: &[String],
+    encoder: EncoderChoice,
+) -> Result<Vec<PagePrompt>> {
     if words.is_empty() {
         return Ok(Vec::new());
     }
-    let options = EngineOptions { backend: BackendChoice::Cpu, ..EngineOptions::default() };
+    let options = EngineOptions { backend: BackendChoice::Cpu, encoder, sequence: None };
     let mut engine = Engine::new(scene.clone(), None, options)?;
     let negatives = Negatives::of(engine.settings());
     let questions: Vec<Question> =

@@ -3,7 +3,7 @@
 use super::{
     answers::{Answers, PromptAnswers, ask},
     args::{FrameArgs, MarkArgs, PromptArgs, RelevancyArgs, SceneArgs},
-    console::{print, print_data, print_json},
+    console::{print, print_data, print_json, say},
     objects,
     verb::{Exit, Run},
 };
@@ -24,6 +24,9 @@ pub(super) struct QueryArgs {
     /// Marks by hand
     #[command(flatten)]
     marks: MarkArgs,
+    /// Path of the recording, by whose pictures marks are carried, if it is not where it was when training
+    #[arg(long, value_name = "SEQ")]
+    sequence: Option<PathBuf>,
     /// Frames to work on
     #[command(flatten)]
     frames: FrameArgs,
@@ -47,8 +50,11 @@ pub(super) struct QueryArgs {
 
 impl Run for QueryArgs {
     fn run(&self) -> Result<Exit> {
-        let mut engine = self.scene.open(&self.relevancy, None)?;
+        let mut engine = self.scene.open(&self.relevancy, self.sequence.clone())?;
         self.marks.give_to(&mut engine)?;
+        if let (Some(_), Some(why)) = (engine.marks(), engine.recording_missing()) {
+            say(&format!("note: marks are carried by the pictures of the reconstruction: {why}"));
+        }
         let questions = self.prompts.questions(engine.settings())?;
         let frames = self.frames.of(engine.scene().num_frames())?;
         let inputs = engine.inputs(&self.scene.scene);
@@ -104,12 +110,13 @@ fn as_text(answers: &Answers) -> String {
 }
 
 fn as_csv(answers: &Answers) -> String {
-    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest\n");
+    let mut text =
+        String::from("prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest,needs_mark\n");
     for prompt in &answers.prompts {
         let name = quoted(&prompt.text);
         for f in &prompt.frames {
             text += &format!(
-                "{name},{},{},{},{},{},{},{},{}\n",
+                "{name},{},{},{},{},{},{},{},{},{}\n",
                 f.frame,
                 f.found,
                 cell(f.area_px),
@@ -117,7 +124,8 @@ fn as_csv(answers: &Answers) -> String {
                 cell(f.max_score),
                 f.source.as_deref().map_or(String::new(), quoted),
                 f.answer.name(),
-                f.nearest.as_deref().map_or(String::new(), quoted)
+                f.nearest.as_deref().map_or(String::new(), quoted),
+                prompt.needs_mark
             );
         }
     }

@@ -3,6 +3,7 @@
 use super::{
     args::{HideArgs, require_scene_name},
     console::{self, ProgressView, print_report, say},
+    remedy::scope_note,
     verb::{Exit, Run},
 };
 use crate::{
@@ -138,7 +139,9 @@ impl TrainArgs {
             settings.densify.max_gaussians = gaussians as usize;
         }
         settings.chapter_frames = self.chapter_frames.unwrap_or(settings.chapter_frames);
-        settings.refines_poses = self.refine_poses;
+        if self.refine_poses {
+            settings = settings.refining_poses();
+        }
         settings.seed = self.seed;
         settings.eval = self.eval;
         if self.fast_features {
@@ -236,7 +239,11 @@ pub(super) fn is_finished(args: &TrainArgs) -> Result<bool> {
         return Ok(false);
     }
     let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
-    jobs::is_finished_chapter(&args.output, &material, &args.settings())
+    let is_finished = jobs::is_finished_chapter(&args.output, &material, &args.settings())?;
+    if is_finished.is_none() {
+        say(&format!("note: {}: {}", args.output.display(), jobs::DAMAGED));
+    }
+    Ok(is_finished.unwrap_or(false))
 }
 
 /// Files of a training.
@@ -336,7 +343,7 @@ fn train_whole(
     output: &OutputFile,
 ) -> Result<TrainReport> {
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
-    let scope = trainer.scope().note();
+    let scope = scope_note(trainer.scope());
     scope.iter().for_each(|note| say(note));
     say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;

@@ -1,6 +1,6 @@
 //! From questions to queries: what the words mean in a scene, and what they compete with.
 
-use super::{EncoderChoice, Question, Sample, answer::Answer, no_features, opening::open_encoder};
+use super::{EncoderChoice, Negatives, Question, Sample, answer::Answer, no_features, opening::open_encoder};
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
     sync::Arc,
@@ -79,6 +79,16 @@ impl Asking {
         }
     }
 
+    /// Returns the names of the scene's classes by other words for them.
+    pub(super) fn class_names<'a>(
+        scene: &'a Scene,
+        settings: &RelevancySettings,
+    ) -> impl Fn(&str) -> Option<String> + 'a {
+        let words = class_words(scene, &scene.classes, settings);
+        let interpreter = Interpreter::new(Vocabulary::standard(), &words, None);
+        move |name| interpreter.class_called(name).map(|k| scene.classes[k].0.name.clone())
+    }
+
     /// Makes the names of marks classes, beside those of the scene; forgets the questions.
     pub(super) fn know(
         &mut self,
@@ -107,9 +117,22 @@ impl Asking {
         *self = Self { encoder, ..Self::new(scene, choice, settings) };
     }
 
-    /// Returns the scene's classes, which compete with each other.
-    pub(super) fn classes(&self) -> &Arc<Rivals> {
-        &self.classes
+    /// Returns the query of a class by its name, with what the settings compare it with.
+    pub(super) fn class_query(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        place: usize,
+    ) -> Result<Query> {
+        let (class, row) = &scene.classes[place];
+        let query = Query::new(&class.name, row.clone());
+        if settings.class_negatives {
+            return Ok(query.among(&self.classes, vec![place]));
+        }
+        let question = Question::words(&class.name, Negatives::of(settings));
+        self.encode(scene, std::slice::from_ref(&question))?;
+        let phrases = question.negatives.phrases.iter().map(|p| (p.clone(), self.phrases[p].clone()));
+        Ok(query.but_not(phrases.collect()))
     }
 
     /// Returns the text encoder in use, or that of the scene as long as no words needed one.
@@ -179,7 +202,9 @@ impl Asking {
         let (query, answer) = match &question.like {
             // Without features, marks are all that can be asked for.
             _ if !negatives.uses_classes && scene.codec.is_some() => {
-                (query, Answer::compared("compared as it is"))
+                let named = self.interpreter.by_words(text).filter(|_| question.like.is_none());
+                let meant = named.map_or_else(Vec::new, |meaning| meaning.classes);
+                return Ok(Understood { query, answer: Answer::compared("compared as it is"), meant });
             }
             Some(_) => {
                 let nearest = nearest_class(scene, &embedding).into_iter().collect();

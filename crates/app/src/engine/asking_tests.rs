@@ -7,6 +7,7 @@ use surgtpgs_core::{
     codec::{Codec, CodecKind, CodecSettings},
     export::{ExportOptions, Format, PictureSource},
     gaussian::Gaussians,
+    marks::{Mark, Marks, Shape},
     progress::unobserved,
     scene::Chapter,
     sequence::Class,
@@ -97,6 +98,45 @@ fn features_without_classes_answer_words_that_no_mark_has() {
     assert_eq!((ask(&mut engine, "gallbladder").0, engine.queries()), (before, &asked[..]));
     let (marked, _) = ask(&mut engine, "hepar");
     assert!(marked.may_be_found(0.5) && engine.asking.meant == [["liver"]], "{marked:?}");
+}
+
+/// Returns the number of pixels that are found on a view that was not recorded.
+fn found_beside(engine: &mut Engine) -> usize {
+    let recorded = engine.view(0).unwrap();
+    let view = SceneView::free(recorded.time, recorded.camera);
+    let images = engine.render(&view, true).unwrap();
+    let scores = engine.scores(&images, &view).unwrap();
+    engine.masks(&scores)[0].count()
+}
+
+/// Denies the liver, by another word for it, on the only frame of a scene.
+fn deny_liver(engine: &mut Engine) {
+    let canvas = engine.canvas();
+    let corners_px = [[0.0; 2], [canvas.width as f32, canvas.height as f32]];
+    let mark = Mark::new(0, "hepar", false, Shape::Box { corners_px });
+    engine.set_marks(Marks::new(vec![mark], &canvas).unwrap()).unwrap();
+}
+
+#[test]
+fn marks_of_a_class_by_another_word_correct_it() {
+    let mut engine = engine(&["liver", "fat"], &[]);
+    let (_, before) = ask(&mut engine, "liver");
+    deny_liver(&mut engine);
+    assert_eq!(engine.marks().map(Marks::names), Some(vec!["liver".to_owned()]));
+    let (_, after) = ask(&mut engine, "liver");
+    assert!(before.count() > 20 && after.count() == 0, "{} {}", before.count(), after.count());
+    assert!(found_beside(&mut engine) * 4 < before.count());
+}
+
+#[test]
+fn marks_count_where_words_do_not_compete_with_classes() {
+    let mut engine = engine(&["liver", "fat"], &[]);
+    engine.change_settings(|usual| RelevancySettings { class_negatives: false, ..usual });
+    let (_, before) = ask(&mut engine, "liver");
+    deny_liver(&mut engine);
+    let (_, after) = ask(&mut engine, "liver");
+    assert!(before.count() > 20 && after.count() == 0, "{} {}", before.count(), after.count());
+    assert!(found_beside(&mut engine) * 4 < before.count());
 }
 
 #[test]

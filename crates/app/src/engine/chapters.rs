@@ -1,8 +1,17 @@
 //! The chapters of a long scene, of which an engine holds one at a time.
 
 use super::{Engine, Pending, marked::CarriedMarks};
-use std::sync::Arc;
+use std::{
+    ops::{Range, RangeInclusive},
+    sync::Arc,
+};
 use surgtpgs_core::{Result, marks::Graph, scene::Scene};
+
+/// Returns the frames of a shot within `reach` of its frame `i`: scores are smoothed over these.
+pub(crate) fn frames_around(i: usize, reach: usize, shot: &Range<usize>) -> RangeInclusive<usize> {
+    let last = i.saturating_add(reach).min(shot.end.saturating_sub(1));
+    i.saturating_sub(reach).max(shot.start).min(i)..=last.max(i)
+}
 
 /// A chapter that was turned from, with its marks.
 pub(super) struct TurnedFrom {
@@ -78,6 +87,14 @@ mod tests {
         let scene = (0..3).map(part).fold(None, |earlier, part| Some(Scene::joined(earlier, part)));
         let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
         Engine::new(Arc::new(scene.unwrap()), None, options).unwrap()
+    }
+
+    #[test]
+    fn frames_around_a_frame_are_of_its_shot() {
+        let around = |i, reach| frames_around(i, reach, &(4..9));
+        assert_eq!([around(6, 1), around(4, 2), around(8, 9)], [5..=7, 4..=6, 4..=8]);
+        assert_eq!((around(5, 0), around(7, usize::MAX)), (5..=5, 4..=8));
+        assert_eq!(frames_around(3, 1, &(0..2)), 2..=3, "a frame is always one of those around it");
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
-use super::{Engine, Recording, SceneView, blank};
+use super::{Engine, Recording, SceneView, asking::Asking, blank};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
     grid::Grid,
     marks::{Canvas, Carried, CarrySettings, ChapterMarks, Correction, FrameScores, Graph, LookHere, Marks},
-    raster::{Renderer, render_frame},
-    relevancy::{Query, Relevancy},
+    raster::{Images, Renderer, render_frame},
+    relevancy::Relevancy,
     scene::Scene,
 };
 
@@ -15,8 +15,11 @@ use surgtpgs_core::{
 /// shown while the time bar is dragged reads fewer.
 const MOST_READ: usize = 8;
 
-/// Number of score images from which on those without corrections are not kept for the next mark.
+/// Largest number of score images without corrections that are kept for the next mark.
 const MOST_BEFORE: usize = 32;
+
+/// Scores of the scene's classes on frames without corrections, by name and frame.
+type ScoresBefore = BTreeMap<(String, usize), Arc<Grid<f32>>>;
 
 /// Marks, carried to the scene or to the chapter of it that is at hand.
 pub(super) struct CarriedMarks {
@@ -26,8 +29,8 @@ pub(super) struct CarriedMarks {
     carried: Carried,
     /// Corrections of the scene's classes, by name.
     corrections: BTreeMap<String, Correction>,
-    /// Scores of these classes on marked frames without the corrections, by name and frame.
-    before: BTreeMap<(String, usize), Arc<Grid<f32>>>,
+    /// Scores of these classes on marked frames.
+    before: ScoresBefore,
     /// Scores of the last frame, in the order of the carried names.
     last: Option<(usize, FrameScores)>,
 }
@@ -43,16 +46,18 @@ impl Engine {
 
     /// Reads a file of marks, see [`Engine::set_marks`]. The file is an input from now on.
     pub fn read_marks(&mut self, path: &Path) -> Result<()> {
-        self.set_marks(Marks::read(path, &self.canvas())?)?;
+        self.set_marks(Marks::read_for(path, &self.canvas(), || self.sequence().cloned())?)?;
         self.marks_file = Some(path.to_owned());
         Ok(())
     }
 
     /// Takes marks in place of earlier ones. From now on prompts find what was marked, and marks of the scene's
-    /// own classes correct them. If there are other names than before, the prompts are forgotten.
+    /// own classes, by whatever name, correct them. If there are other names than before, the prompts are
+    /// forgotten.
     ///
     /// Marks are carried to the Gaussians when the first prompt is asked, in each chapter of a long scene anew.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
+        let marks = marks.renamed(Asking::class_names(&self.scene, &self.settings));
         let names = marks.names();
         if names != self.marks().map(Marks::names).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
@@ -107,44 +112,73 @@ impl Engine {
         let names = here.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
+        self.graph = Some(Arc::clone(&graph));
         let (known, new): (Vec<&String>, Vec<&String>) =
             names.iter().partition(|name| self.scene.finds(name));
         let carried = Carried::new(&scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
-        let (carried, before) = match self.carried_marks.take() {
-            Some(earlier) => (carried.after(earlier.carried), Some(earlier.before)),
-            None => (carried, None),
+        let earlier = self.carried_marks.take();
+        let is_first = earlier.is_none();
+        let (carried, mut before) = match earlier {
+            Some(earlier) => (carried.after(earlier.carried), earlier.before),
+            None => (carried, BTreeMap::new()),
         };
-        let mut before = before.filter(|before| before.len() <= MOST_BEFORE).unwrap_or_default();
-        let threshold = self.settings.threshold;
-        let corrections =
-            Correction::of_classes(&scene, &graph, &here.named(&known), threshold, &mut |name, frame| {
-                let key = (name.to_owned(), frame);
-                match before.get(&key) {
-                    Some(scores) => Ok(Arc::clone(scores)),
-                    None => {
-                        let scores = Arc::new(self.scores_before(name, frame)?);
-                        before.insert(key, Arc::clone(&scores));
-                        Ok(scores)
-                    }
-                }
-            })?;
-        self.graph = Some(graph);
-        self.carried_marks = Some(CarriedMarks { by_hand, carried, corrections, before, last: None });
-        Ok(())
+        before.retain(|(_, frame), _| here.on(*frame).next().is_some());
+        let (by_hand, corrections, done) = match self.corrections(&graph, &here.named(&known), &mut before) {
+            Ok(corrections) => (by_hand, corrections, Ok(())),
+            // What is known so far serves the next attempt.
+            Err(e) => (Arc::default(), BTreeMap::new(), Err(e)),
+        };
+        if done.is_ok() || !is_first {
+            self.carried_marks = Some(CarriedMarks { by_hand, carried, corrections, before, last: None });
+        }
+        done
     }
 
-    /// Returns the scores of a class on a frame, by the Gaussians of the chapter at hand, without marks.
-    fn scores_before(&mut self, name: &str, frame: usize) -> Result<Grid<f32>> {
+    /// Returns the corrections of the scene's classes by `marks`. `before` are the scores that are known
+    /// already. Leaves off for a request elsewhere.
+    fn corrections(
+        &mut self,
+        graph: &Graph,
+        marks: &Marks,
+        before: &mut ScoresBefore,
+    ) -> Result<BTreeMap<String, Correction>> {
+        let (scene, threshold) = (Arc::clone(&self.scene), self.settings.threshold);
+        let mut rendered = None;
+        Correction::of_classes(&scene, graph, marks, threshold, &mut |name, frame| {
+            let key = (name.to_owned(), frame);
+            if let Some(scores) = before.get(&key) {
+                return Ok(Arc::clone(scores));
+            }
+            if self.pending.is_elsewhere(|other| scene.is_at(scene.time(other))) {
+                return Err(Error::Cancelled);
+            }
+            let images = match rendered.take().filter(|(of, _)| *of == frame) {
+                Some((_, images)) => images,
+                None => self.features_on(frame)?,
+            };
+            let scores = Arc::new(self.scores_before(name, &images)?);
+            rendered = Some((frame, images));
+            if before.len() < MOST_BEFORE {
+                before.insert(key, Arc::clone(&scores));
+            }
+            Ok(scores)
+        })
+    }
+
+    /// Renders a frame with features, by the Gaussians of the chapter at hand.
+    fn features_on(&mut self, frame: usize) -> Result<Images> {
         let (camera, time) = (self.scene.cameras[frame], self.scene.time(frame));
-        let images = self
-            .on_a_working_machine(|Self { scene, machine, .. }| machine.render(scene, &camera, time, true))?;
+        self.on_a_working_machine(|Self { scene, machine, .. }| machine.render(scene, &camera, time, true))
+    }
+
+    /// Returns the scores of a class on a rendered frame, without marks.
+    fn scores_before(&mut self, name: &str, images: &Images) -> Result<Grid<f32>> {
         let nothing = || Grid::filled(images.width, images.height, 0.0);
         let place = self.scene.classes.iter().position(|(class, _)| class.name == name);
         let (Some(relevancy), Some(place)) = (&mut self.relevancy, place) else { return Ok(nothing()) };
-        let row = self.scene.classes[place].1.clone();
-        let query = Query::new(name, row).among(self.asking.classes(), vec![place]);
-        let mut scores = relevancy.score(&images, &[query], &self.settings).pop().unwrap_or_else(nothing);
-        blank(&mut scores.data, self.outside.ranges(&images, &self.scene.field_of_view));
+        let query = self.asking.class_query(&self.scene, &self.settings, place)?;
+        let mut scores = relevancy.score(images, &[query], &self.settings).pop().unwrap_or_else(nothing);
+        blank(&mut scores.data, self.outside.ranges(images, &self.scene.field_of_view));
         Ok(scores)
     }
 
@@ -226,11 +260,12 @@ impl Engine {
 
     /// Returns the frame that a view shows as it was recorded, at any size.
     fn frame_of(&self, view: &SceneView) -> Option<usize> {
-        let frames = 0..self.scene.num_frames();
-        frames.into_iter().find(|i| {
-            let recorded = || self.scene.cameras[*i].resized(view.camera.width, view.camera.height);
-            view.recorded && self.scene.time(*i) == view.time && recorded() == view.camera
-        })
+        let size = view.camera;
+        let shows = |i: &usize| {
+            let camera = self.scene.cameras.get(*i).map(|camera| camera.resized(size.width, size.height));
+            camera == Some(view.camera) && self.scene.time(*i) == view.time
+        };
+        view.recorded.filter(shows)
     }
 
     /// Returns for each prompt the Gaussians that marks give it at `time`: those whose share is above one half.
@@ -268,13 +303,12 @@ impl Engine {
     }
 }
 
-/// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand,
-/// or this frame of it cannot be read.
+/// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand.
 fn picture(recording: &Recording, scene: &Scene, frame: usize) -> Result<image::RgbImage> {
     let time = scene.time(frame);
-    match recording.frame(frame) {
-        Ok(Some(picture)) => Ok(picture),
-        _ if scene.is_at(time) => Ok(render_frame(scene, frame).to_rgb()),
-        _ => Ok(render_frame(&scene.at(time)?, frame).to_rgb()),
+    match recording.frame(frame)? {
+        Some(picture) => Ok(picture),
+        None if scene.is_at(time) => Ok(render_frame(scene, frame).to_rgb()),
+        None => Ok(render_frame(&scene.at(time)?, frame).to_rgb()),
     }
 }

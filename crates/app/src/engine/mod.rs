@@ -30,6 +30,7 @@ mod question;
 
 pub(crate) use answer::absence;
 pub use answer::{Answer, Verdict};
+pub(crate) use chapters::frames_around;
 pub use layers::Motion;
 pub use machine::BackendChoice;
 pub(crate) use machine::Machine;
@@ -79,6 +80,16 @@ pub enum EncoderChoice {
     Folder(PathBuf),
 }
 
+impl EncoderChoice {
+    /// Returns the folder that was chosen, if any was.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        match self {
+            Self::Folder(folder) => Some(folder),
+            Self::OfScene | Self::Builtin => None,
+        }
+    }
+}
+
 /// Options to open an [`Engine`] with.
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
@@ -97,14 +108,14 @@ pub struct SceneView {
     pub time: f32,
     /// The camera; its size is the size of the images.
     pub camera: Camera,
-    /// `true` for the recording's own camera (at any size): then the field of view limits what is found.
-    pub recorded: bool,
+    /// Recorded frame that is shown as it was recorded, at any size: the field of view limits what is found.
+    pub recorded: Option<usize>,
 }
 
 impl SceneView {
     /// Creates a view that the recording never had.
     pub fn free(time: f32, camera: Camera) -> Self {
-        Self { time, camera, recorded: false }
+        Self { time, camera, recorded: None }
     }
 
     /// Returns the same view at another size in pixels.
@@ -149,6 +160,8 @@ pub struct Engine {
     turned_from: Option<TurnedFrom>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
+    /// Folder of the text encoder that was chosen in place of the scene's.
+    chosen_encoder: Option<PathBuf>,
 }
 
 /// The images of a view, with or without features.
@@ -209,6 +222,7 @@ impl Engine {
         }
         let machine = Machine::open(options.backend)?;
         let settings = settings_of(&scene);
+        let chosen_encoder = options.encoder.folder().map(Path::to_owned);
         Ok(Self {
             relevancy: open_relevancy(&scene),
             asking: Asking::new(&scene, options.encoder, &settings),
@@ -227,6 +241,7 @@ impl Engine {
             graph: None,
             turned_from: None,
             marks_file: None,
+            chosen_encoder,
         })
     }
 
@@ -282,6 +297,7 @@ impl Engine {
             .with("the scene", path)
             .with("the scene's recording", &self.scene.provenance.sequence_path)
             .with_some("the text encoder", encoder)
+            .with_some("the text encoder", self.chosen_encoder.as_deref())
             .with_some("the marks", self.marks_file.as_deref());
         self.sequence().into_iter().fold(inputs, Inputs::with_recording)
     }
@@ -308,7 +324,7 @@ impl Engine {
                 Error::input("the scene has no frames", "Train it again from its recording.")
             })?;
         let i = i.min(last);
-        Ok(SceneView { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
+        Ok(SceneView { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: Some(i) })
     }
 
     /// Renders all planes of a view into memory; the features are needed for [`Engine::scores`] only. A
@@ -327,7 +343,7 @@ impl Engine {
         self.on_a_working_machine(|Self { scene, machine, clock, .. }| {
             machine.render_into(scene, &view.camera, view.time, features, &mut images, clock)
         })?;
-        if view.recorded {
+        if view.recorded.is_some() {
             let outside = self.outside.ranges(&images, &self.scene.field_of_view);
             for plane in images.planes.chunks_exact_mut((images.width * images.height).max(1)) {
                 blank(plane, outside);
@@ -353,7 +369,7 @@ impl Engine {
                 return engine.show_by_cpu(view, ask, wanted);
             };
             let input = RenderInput { scene, camera: &view.camera, time: view.time, features };
-            let field_of_view = view.recorded.then_some(&scene.field_of_view);
+            let field_of_view = view.recorded.map(|_| &scene.field_of_view);
             let asked = match (ask, relevancy) {
                 (Ask::Now, Some(Fastest::Lattice(lattice))) => {
                     Some(Asked { lattice, queries: &asking.queries, settings })
@@ -488,7 +504,7 @@ impl Engine {
             None => return Err(no_features(&self.scene)),
         };
         self.score_marked(view, &mut scores)?;
-        if view.recorded {
+        if view.recorded.is_some() {
             let outside = self.outside.ranges(images, &self.scene.field_of_view);
             scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
         }

@@ -9,6 +9,22 @@ fn an_engine_can_move_to_a_worker_thread() {
     is_send::<Engine>();
 }
 
+#[test]
+fn nothing_is_written_into_the_text_encoder_that_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let encoder = folder.path().join("encoder");
+    std::fs::create_dir(&encoder).unwrap();
+    let refused = |encoder: EncoderChoice| {
+        let options = EngineOptions { backend: BackendChoice::Cpu, encoder, ..Default::default() };
+        let engine = Engine::new(Arc::new(surgtpgs_core::stress::ordinary(3)), None, options).unwrap();
+        let inputs = engine.inputs(&folder.path().join("scene.safetensors"));
+        surgtpgs_core::files::require_apart(&folder.path().join("encoder/out"), &inputs).err()
+    };
+    let error = refused(EncoderChoice::Folder(encoder)).unwrap().to_string();
+    assert!(error.contains("inside the text encoder"), "{error}");
+    assert!(refused(EncoderChoice::Builtin).is_none());
+}
+
 /// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
 fn asked_engine(backend: BackendChoice) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};
@@ -32,7 +48,7 @@ fn asked_engine(backend: BackendChoice) -> Engine {
 
 fn shown(engine: &mut Engine, time: f32) -> Shown {
     let camera = engine.scene().cameras[0];
-    let view = SceneView { time, camera, recorded: true };
+    let view = SceneView { time, camera, recorded: Some(0) };
     engine.show(&view, Ask::Now, Wanted::ALL).unwrap()
 }
 
@@ -122,7 +138,7 @@ fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
     for mut engine in [Some(asked_engine(BackendChoice::Cpu)), gpu_engine()].into_iter().flatten() {
         shown(&mut engine, 0.3);
         let camera = engine.scene().cameras[0];
-        let view = SceneView { time: 0.3, camera, recorded: true };
+        let view = SceneView { time: 0.3, camera, recorded: Some(0) };
         let sample = engine.sample(&view, [20, 24]).unwrap().unwrap();
         let other = engine.sample(&view, [4, 40]).unwrap().unwrap();
         assert_eq!(engine.sample(&view, [40, 24]).unwrap(), None, "outside the field of view");
@@ -146,7 +162,7 @@ fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
 #[test]
 fn what_is_still_does_not_move_and_what_is_seen_is_opaque() {
     for mut engine in [Some(asked_engine(BackendChoice::Cpu)), gpu_engine()].into_iter().flatten() {
-        let view = SceneView { time: 0.3, camera: engine.scene().cameras[0], recorded: true };
+        let view = SceneView { time: 0.3, camera: engine.scene().cameras[0], recorded: Some(0) };
         let opacity = engine.opacity(&view).unwrap();
         assert!(opacity.data.iter().all(|a| (0.0..=1.0).contains(a)) && opacity.at(20, 24) > 0.5);
         let mut moving = Scene::clone(engine.scene());

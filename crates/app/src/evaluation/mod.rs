@@ -84,13 +84,15 @@ impl Evaluation {
     }
 }
 
-/// Measures that are taken if asked for.
+/// Measures that are taken if asked for, and frames that are not measured.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Extras<'a> {
     /// Model of LPIPS.
     pub(crate) lpips: Option<&'a Path>,
     /// `true` to measure PSNR from where the scene looks most like each frame, too.
     pub(crate) fits_cameras: bool,
+    /// Ranges of frames that were left out since the training; no picture of them is kept.
+    pub(crate) left_out: &'a [(usize, usize)],
 }
 
 /// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With
@@ -110,10 +112,10 @@ pub(crate) fn evaluate(
         .ok_or_else(|| Error::input("the recording is not at hand", "Give it after the scene."))?;
     engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
-    let shown = shown_frames(engine.scene(), sequence.num_frames());
+    let shown = shown_frames(engine.scene(), sequence.num_frames(), extras.left_out);
     let frames = frames_to_measure(engine, &shown);
     if frames.is_empty() {
-        let what = "there is no frame to measure: all are marked, or too few for one to be held out";
+        let what = "there is no frame to measure: all are marked or left out, or too few to hold one out";
         return Err(Error::input(what, "Evaluate a longer recording, or with marks on some frames only."));
     }
     let all_held_out = held_out && frames.iter().all(|&i| Sequence::is_test_frame(i));
@@ -124,7 +126,7 @@ pub(crate) fn evaluate(
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
-        let neighbours = Neighbours::of(frame, sequence.num_frames(), held_out);
+        let neighbours = Neighbours::of(frame, &shown, &engine.scene().shot_of(frame), held_out);
         let mut measured = row(&images, &sequence, neighbours, lpips.as_mut())?;
         measured.repeats = held_out && neighbours.repeats(engine.scene());
         let started = Instant::now();
@@ -167,13 +169,13 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// Returns the frames that the scene shows: all but those that were left out of the training, and those that
-/// no chapter shows.
-fn shown_frames(scene: &Scene, num_frames: usize) -> Vec<usize> {
+/// Returns the frames that the scene shows: all but those that were left out of the training or since, and
+/// those that no chapter shows.
+fn shown_frames(scene: &Scene, num_frames: usize, left_out: &[(usize, usize)]) -> Vec<usize> {
     // Read by itself: settings of older scenes are not whole.
     let excluded = scene.provenance.settings.get("excluded").cloned().unwrap_or_default();
     let excluded: Vec<(usize, usize)> = serde_json::from_value(excluded).unwrap_or_default();
-    let is_excluded = |i: &usize| excluded.iter().any(|(from, to)| (from..=to).contains(&i));
+    let is_excluded = |i: &usize| excluded.iter().chain(left_out).any(|(from, to)| (from..=to).contains(&i));
     (0..num_frames).filter(|i| !is_excluded(i) && scene.shows_frame(*i)).collect()
 }
 
@@ -316,13 +318,15 @@ mod tests {
     #[test]
     fn frames_that_training_never_saw_do_not_count() {
         let mut scene = ordinary(3);
-        assert_eq!(shown_frames(&scene, 4), [0, 1, 2, 3]);
+        assert_eq!(shown_frames(&scene, 4, &[]), [0, 1, 2, 3]);
         scene.cameras = vec![scene.cameras[0]; 20];
         // Stopped after the first of two chapters.
         let chapter = Chapter { index: 0, count: 2, shown: 0..10, learned: 0..12 };
         scene.provenance.settings = serde_json::json!({ "chapter": chapter, "excluded": [[3, 5]] });
-        let shown = shown_frames(&scene.as_chapter(), 20);
+        let scene = scene.as_chapter();
+        let shown = shown_frames(&scene, 20, &[]);
         assert_eq!(shown, [0, 1, 2, 6, 7, 8, 9]);
+        assert_eq!(shown_frames(&scene, 20, &[(0, 0), (7, 8)]), [1, 2, 6, 9], "left out since");
         assert_eq!(training_frames(&shown), [0, 2, 6, 7, 8], "1 and 9 are held out");
         let long: Vec<usize> = (0..1000).collect();
         assert!(training_frames(&long).len() <= MOST_TRAIN_FRAMES);

@@ -1,6 +1,7 @@
 //! Frames around a frame, and the pictures that they alone tell of it: baselines that a reconstruction should
 //! beat.
 
+use std::ops::Range;
 use surgtpgs_core::{
     Result,
     flow::{Between, between},
@@ -17,10 +18,13 @@ pub(super) struct Neighbours {
 }
 
 impl Neighbours {
-    /// Neighbours of `frame`, which is not one of them.
-    pub(super) fn of(frame: usize, num_frames: usize, held_out: bool) -> Self {
-        let may_see = |i: &usize| !(held_out && Sequence::is_test_frame(*i));
-        let (before, after) = ((0..frame).rev().find(may_see), (frame + 1..num_frames).find(may_see));
+    /// Neighbours of `frame`, which is not one of them, among the `shown` frames of its `shot`, in ascending
+    /// order.
+    pub(super) fn of(frame: usize, shown: &[usize], shot: &Range<usize>, held_out: bool) -> Self {
+        let may_see = |i: &usize| shot.contains(i) && !(held_out && Sequence::is_test_frame(*i));
+        let (before, others) = shown.split_at(shown.partition_point(|i| *i < frame));
+        let before = before.iter().copied().rev().find(may_see);
+        let after = others.iter().copied().filter(|i| *i != frame).find(may_see);
         Self { frame, before, after }
     }
 
@@ -54,16 +58,20 @@ mod tests {
 
     #[test]
     fn neighbours_are_frames_that_training_sees() {
+        let shown: Vec<usize> = (0..18).collect();
         let of = |frame, held_out| {
-            let Neighbours { before, after, .. } = Neighbours::of(frame, 18, held_out);
+            let Neighbours { before, after, .. } = Neighbours::of(frame, &shown, &(0..18), held_out);
             (before, after)
         };
         assert_eq!(of(9, true), (Some(8), Some(10)));
         assert_eq!(of(10, true), (Some(8), Some(11)));
         assert_eq!(of(10, false), (Some(9), Some(11)));
         assert_eq!(of(17, true), (Some(16), None), "at the end");
-        assert_eq!(Neighbours::of(9, 18, true).nearest(), Some(8));
-        assert_eq!(Neighbours::of(10, 18, true).nearest(), Some(11));
-        assert_eq!(Neighbours::of(0, 1, false).nearest(), None);
+        let nearest = |frame, shown: &[usize], shot| Neighbours::of(frame, shown, &shot, true).nearest();
+        assert_eq!(nearest(9, &shown, 0..18), Some(8));
+        assert_eq!(nearest(10, &shown, 0..18), Some(11));
+        assert_eq!(nearest(9, &shown, 9..18), Some(10), "beyond a cut nothing is seen");
+        assert_eq!(nearest(9, &[5, 9, 14], 0..18), Some(5), "nor what was left out");
+        assert_eq!(nearest(0, &[0], 0..1), None);
     }
 }

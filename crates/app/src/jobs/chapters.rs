@@ -55,6 +55,9 @@ impl Watched<'_> {
 /// Part of the name of a file that keeps a chapter, before its number.
 const CHAPTER: &str = "chapter-";
 
+/// Note on a chapter of which there is something that cannot be gone on with.
+pub const DAMAGED: &str = "what was kept of it is damaged, or of another version: it is begun anew";
+
 /// Returns the path of the file that keeps a chapter until the scene is whole.
 pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
     scene.with_extension(format!("{CHAPTER}{index:04}.safetensors"))
@@ -95,30 +98,56 @@ pub fn begun_chapters(scene: &Path) -> Vec<PathBuf> {
 }
 
 /// Returns the settings of a training of which chapters were begun, and lie beside a scene file; `None` if
-/// there are none.
+/// there are none. Chapters that are damaged are passed over.
+///
+/// # Errors
+/// Files that cannot be read, or none that can be used.
 pub fn settings_of_chapters(scene: &Path, material: &Material) -> Result<Option<TrainSettings>> {
-    let unknown = |path: &Path| {
-        Error::input_at(path, "the settings of this chapter cannot be read", "Begin the training anew.")
-    };
-    let settings = if let Some(path) = chapters_beside(scene).first() {
-        settings(&Scene::load_chapter(path)?).ok_or_else(|| unknown(path))?
-    } else if let Some(path) = unfinished_chapters_beside(scene).first() {
-        Trainer::resume(material.sequence(), material.prepared(), path)?.settings().clone()
-    } else {
-        return Ok(None);
-    };
-    Ok(Some(TrainSettings { chapter: None, ..settings }))
+    let mut damaged = None;
+    let finished = chapters_beside(scene).into_iter().map(|path| settings_of_finished(&path));
+    let unfinished =
+        unfinished_chapters_beside(scene).into_iter().map(|path| settings_of_unfinished(&path, material));
+    for settings in finished.chain(unfinished) {
+        match settings? {
+            Ok(settings) => return Ok(Some(TrainSettings { chapter: None, ..settings })),
+            Err(error) => damaged = damaged.or(Some(error)),
+        }
+    }
+    damaged.map_or(Ok(None), Err)
 }
 
-/// Returns `true` if a scene file holds a chapter that was trained to the end with these settings.
+/// Returns the settings of a chapter that is done; the inner error is of one that is damaged.
+fn settings_of_finished(path: &Path) -> Result<Result<TrainSettings>> {
+    let unknown =
+        || Error::input_at(path, "the settings of this chapter cannot be read", "Begin the training anew.");
+    Ok(read_chapter(path)?.and_then(|part| settings(&part).ok_or_else(unknown)))
+}
+
+/// Returns the settings of a chapter that is unfinished; the inner error is of one that is damaged.
+fn settings_of_unfinished(path: &Path, material: &Material) -> Result<Result<TrainSettings>> {
+    let trainer = Trainer::resume_if_usable(material.sequence(), material.prepared(), path)?;
+    Ok(trainer.map(|trainer| trainer.settings().clone()))
+}
+
+/// Reads a chapter that is done; the inner error is of one that is damaged. Fails on a file of somebody else.
+fn read_chapter(path: &Path) -> Result<Result<Scene>> {
+    match Scene::load_chapter_if_usable(path)? {
+        Err(error) if !Scene::is_own_file(path) => Err(error),
+        read => Ok(read),
+    }
+}
+
+/// Returns `true` if a scene file holds a chapter that was trained to the end with these settings, and depth,
+/// masks and features as they are now; `None` if it is damaged.
 ///
 /// # Errors
 /// A file that is no such scene.
-pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<bool> {
-    let part = Scene::load_chapter(path)?;
+pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<Option<bool>> {
+    let Ok(part) = read_chapter(path)? else { return Ok(None) };
     let wanted = settings_for(material, wanted);
-    let agrees = settings(&part).is_some_and(|settings| settings.agrees_with(&wanted));
-    Ok(agrees && part.provenance.steps >= wanted.iterations)
+    let agrees = settings(&part).is_some_and(|settings| settings.agrees_with(&wanted))
+        && is_supervised_by(&part, material);
+    Ok(Some(agrees && part.provenance.steps >= wanted.iterations))
 }
 
 /// Steps of a training that was stopped.
@@ -157,7 +186,7 @@ pub fn remove_chapters(scene: &Path) -> Result<()> {
 /// the files. Chapters whose paths were estimated come to lie in one world, that of the first of each shot.
 ///
 /// # Errors
-/// A file that is no such scene, or one of another training.
+/// A file that is no such scene, one of another training, or a second one of the same chapter.
 pub fn join(paths: &[PathBuf]) -> Result<Scene> {
     // One at a time is in memory, so that they are read once more in their order.
     let mut ordered = Vec::new();
@@ -165,6 +194,10 @@ pub fn join(paths: &[PathBuf]) -> Result<Scene> {
         ordered.push((Scene::load_chapter(path)?.chapters.current().map(|chapter| chapter.index), path));
     }
     ordered.sort_unstable();
+    if let Some(same) = ordered.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+        let what = format!("this is the same chapter as {}", same[0].1.display());
+        return Err(Error::input_at(same[1].1, what, "Give one file of each chapter."));
+    }
     let (mut scene, mut before): (Option<Scene>, Option<Scene>) = (None, None);
     for (_, path) in ordered {
         let part = Scene::load_chapter(path)?;
@@ -188,8 +221,16 @@ pub fn join(paths: &[PathBuf]) -> Result<Scene> {
 fn are_of_one_training(a: &Scene, b: &Scene) -> bool {
     let count = |scene: &Scene| scene.chapters.iter().next().map(|chapter| chapter.count);
     let settings_agree = settings(a).zip(settings(b)).is_some_and(|(a, b)| a.agrees_with(&b));
-    let (of_a, of_b) = (&a.provenance.identity, &b.provenance.identity);
-    settings_agree && count(a) == count(b) && of_a == of_b && a.codec == b.codec
+    let (of_a, of_b) = (&a.provenance, &b.provenance);
+    let supervisions = of_a.supervision.as_ref().zip(of_b.supervision.as_ref());
+    let is_one = of_a.identity == of_b.identity && supervisions.is_none_or(|(a, b)| a == b);
+    settings_agree && count(a) == count(b) && is_one && a.codec == b.codec
+}
+
+/// Returns `true` if a scene was trained with the cameras, depth, masks and features of this material, as far
+/// as it tells.
+fn is_supervised_by(part: &Scene, material: &Material) -> bool {
+    part.provenance.supervision.as_ref().is_none_or(|digest| *digest == material.supervision())
 }
 
 /// Settings that a scene was trained with.
@@ -259,7 +300,8 @@ impl Course<'_> {
         let (mut trained_before, mut kept) = (0, 0);
         while !left.is_empty() {
             let chapter = left.remove(self.next(&left));
-            if let Some(part) = self.kept(chapter)? {
+            let (part, damaged) = self.kept(chapter)?;
+            if let Some(part) = part {
                 kept += 1;
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
@@ -275,7 +317,7 @@ impl Course<'_> {
                 begun => begun?,
             };
             backend::choose(&mut trainer, self.backend)?;
-            let notes = trainer.scope().note().into_iter().chain(unusable);
+            let notes = trainer.scope().note().into_iter().chain(damaged.or(unusable).map(str::to_owned));
             let notes = notes.map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
             let steps = trainer.settings().iterations;
             let mut observer = |p: &Progress<'_>| {
@@ -337,7 +379,7 @@ impl Course<'_> {
         plan: &mut Plan,
         chapter: &Chapter,
         observer: &mut Observer<'_>,
-    ) -> Result<(Trainer, Option<String>)> {
+    ) -> Result<(Trainer, Option<&'static str>)> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
         let mut note = None;
         if let Some(path) = self.checkpoint(chapter).filter(|path| path.exists()) {
@@ -349,10 +391,7 @@ impl Course<'_> {
                     return Ok((trainer, None));
                 }
                 Ok(_) => {}
-                Err(_) => {
-                    let what = "what was kept of it is damaged, or of another version: it is begun anew";
-                    note = Some(what.to_owned());
-                }
+                Err(_) => note = Some(DAMAGED),
             }
         }
         let settings = self.settings.clone();
@@ -360,26 +399,30 @@ impl Course<'_> {
         Ok((trainer, note))
     }
 
-    /// Reads a chapter that is done.
-    fn kept(&self, chapter: &Chapter) -> Result<Option<Scene>> {
+    /// Reads a chapter that is done; `None` if it is to be trained, with a note if what was kept of it is of no
+    /// use.
+    fn kept(&self, chapter: &Chapter) -> Result<(Option<Scene>, Option<&'static str>)> {
         let path = chapter_path(self.scene, chapter.index);
         if !path.exists() {
-            return Ok(None);
+            return Ok((None, None));
         }
-        let part = match Scene::load_chapter(&path) {
-            Err(_) if self.replaces => return Ok(None),
-            part => part?,
+        let part = match read_chapter(&path) {
+            Ok(Ok(part)) => part,
+            Ok(Err(_)) => return Ok((None, Some(DAMAGED))),
+            Err(_) if self.replaces => return Ok((None, None)),
+            Err(error) => return Err(error),
         };
         if part.provenance.steps < self.settings.iterations {
-            return Ok(None);
+            return Ok((None, None));
         }
         let wanted = settings_for(self.material, &self.settings);
         let is_same = settings(&part).is_some_and(|s| s.agrees_with(&wanted))
             && part.chapters.current() == Some(chapter)
             && part.codec.as_ref() == self.material.prepared().map(|prepared| &prepared.codec)
+            && is_supervised_by(&part, self.material)
             && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
         if is_same || self.replaces {
-            return Ok(is_same.then_some(part));
+            return Ok((is_same.then_some(part), None));
         }
         let what = "this chapter was trained on another recording, or in another way";
         Err(Error::input_at(&path, what, "Remove it, or give the scene another name."))

@@ -1,7 +1,7 @@
 //! Masked frames of a scene, written to a folder.
 
 use crate::{
-    engine::{Engine, Question},
+    engine::{Engine, Question, frames_around},
     outputs,
     settings::PROMPT_COLOURS,
 };
@@ -97,7 +97,7 @@ pub fn export(
         ..Claim::new(outputs::EXPORT, &inputs, request.replace)
     };
     let output = OutputFolder::claim(&request.folder, claim)?;
-    let export = Export::begin(output.path(), request.frames.clone(), provenance.clone(), false)?;
+    let export = Export::begin(output.path(), request.frames.clone(), provenance.clone())?;
     let mut export = export.with_sources(sources);
     let mut answers = Answers::new(options);
     while let Some(frame) = export.next_frame() {
@@ -219,7 +219,7 @@ fn source_references(engine: &Engine, options: &ExportOptions) -> Result<Option<
 struct Answers {
     /// Pictures to mask; `None` if no format shows them.
     source: Option<PictureSource>,
-    /// Number of frames before and after a frame that count.
+    /// Number of frames before and after a frame that count, as far as they are of its shot.
     reach: usize,
     /// Rendered pictures, if they are to be masked, and scores, one image per question; by frame.
     known: BTreeMap<usize, (Option<RgbImage>, Vec<Grid<f32>>)>,
@@ -234,8 +234,7 @@ impl Answers {
 
     /// Returns the picture and the scores of a frame.
     fn of(&mut self, engine: &mut Engine, frame: usize) -> Result<(RgbImage, Vec<Grid<f32>>)> {
-        let last = engine.scene().num_frames().saturating_sub(1);
-        let around = frame.saturating_sub(self.reach)..=(frame + self.reach).min(last);
+        let around = frames_around(frame, self.reach, &engine.scene().shot_of(frame));
         self.known.retain(|f, _| around.contains(f));
         for other in around {
             if let Entry::Vacant(place) = self.known.entry(other) {
@@ -284,8 +283,57 @@ fn not_at_hand(why: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::{Negatives, asking_tests::unfinished_engine};
-    use surgtpgs_core::progress::unobserved;
+    use crate::engine::{
+        BackendChoice, EngineOptions, Negatives,
+        asking_tests::{engine_on, unfinished_engine},
+    };
+    use std::sync::Arc;
+    use surgtpgs_core::{
+        mask::CleanUp,
+        progress::unobserved,
+        scene::{Chapter, Scene},
+    };
+
+    /// Opens an engine on two shots of two frames each. The second shows fat in place of liver, and liver in
+    /// place of fat.
+    fn engine_of_two_shots() -> Engine {
+        let whole = engine_on(BackendChoice::Cpu, &["liver", "fat"], &[]);
+        let part = |index: usize| {
+            let mut scene = Scene::clone(whole.scene());
+            scene.cameras = vec![scene.cameras[0]; 4];
+            let shown = 2 * index..2 * index + 2;
+            let chapter = Chapter { index, count: 2, learned: shown.clone(), shown };
+            scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+            let of_one = scene.gaussians.latent_dim;
+            scene.gaussians.features.rotate_left(index * of_one);
+            scene.as_chapter()
+        };
+        let scene = Scene::joined(Some(Scene::joined(None, part(0))), part(1));
+        let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+        Engine::new(Arc::new(scene), None, options).unwrap()
+    }
+
+    #[test]
+    fn scores_are_not_smoothed_across_a_cut() {
+        let mut engine = engine_of_two_shots();
+        engine.set_prompts(&["liver".into()]).unwrap();
+        let mut scores = |frame: usize, smooth_frames: usize| {
+            let clean_up = CleanUp { smooth_frames, ..CleanUp::default() };
+            let options =
+                ExportOptions { formats: vec![Format::Binary], clean_up, ..ExportOptions::default() };
+            Answers::new(&options).of(&mut engine, frame).unwrap().1.swap_remove(0)
+        };
+        let far = |a: &Grid<f32>, b: &Grid<f32>| {
+            let pairs = a.data.iter().zip(&b.data);
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        let [before, after] = [1, 2].map(|frame| scores(frame, 0));
+        assert!(far(&before, &after) > 0.3, "{}", far(&before, &after));
+        for (frame, own) in [(1, &before), (2, &after)] {
+            let smoothed = scores(frame, 2);
+            assert!(far(&smoothed, own) < 0.01, "frame {frame}: {}", far(&smoothed, own));
+        }
+    }
 
     #[test]
     fn what_shows_no_picture_needs_no_recording() {

@@ -6,6 +6,7 @@ use surgtpgs_core::{
     files::Inputs,
     prepare::Prepared,
     sequence::{HiddenRectangle, Sequence},
+    train::supervision_digest,
 };
 
 /// Recording to train on, with or without features.
@@ -49,6 +50,11 @@ impl Material {
             Self::Prepared(prepared) => Some(prepared),
             Self::Bare(_) => None,
         }
+    }
+
+    /// Returns the hash of everything that is learned from besides the pictures.
+    pub(crate) fn supervision(&self) -> String {
+        supervision_digest(self.sequence(), self.prepared())
     }
 
     /// Returns the inputs of a run on this material, which was opened at `path`.

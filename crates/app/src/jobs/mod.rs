@@ -14,8 +14,8 @@ mod train;
 mod vanishing_tests;
 
 pub use chapters::{
-    Course, Stopped, Watched, begun_chapters, chapter_path, is_finished_chapter, is_whole_scene, join,
-    remove_chapters, settings_of_chapters, stopped_at,
+    Course, DAMAGED, Stopped, Watched, begun_chapters, chapter_path, is_finished_chapter, is_whole_scene,
+    join, remove_chapters, settings_of_chapters, stopped_at,
 };
 pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};

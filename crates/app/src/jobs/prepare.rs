@@ -229,7 +229,7 @@ impl<'a> Features<'a> {
                 Self::Labels { embeddings: embedded(text, sequence.classes().iter().map(|c| &*c.name))? }
             }
             FeatureSource::Marks(path) => {
-                let marks = Marks::read(path, &sequence.canvas())?;
+                let marks = Marks::read_for(path, &sequence.canvas(), || Some(sequence.clone()))?;
                 require_marks(sequence, &marks, options.eval, observer)?;
                 let embeddings = embedded(text, marks.names().iter().map(String::as_str))?;
                 Self::Marks { marks, embeddings }

@@ -5,7 +5,7 @@
 //! | COCO annotations (JSON) | `source`, `frame` or `file_name` of the image | run lengths, polygons |
 //! | CVAT for video, or for images (XML) | number of the frame; name of the image | masks, polygons, boxes |
 //! | Label Studio tasks (JSON) | name of the task's image, or `frame` of its data | brush masks, polygons, boxes |
-//! | DICOM segmentation | number in the reference to the recording, or position in time | masks |
+//! | DICOM segmentation | reference to a frame of a recorded file, or position in time | masks |
 //! | 3D Slicer segmentation (`.seg.nrrd`) | place along the third axis, after `first_frame` | masks |
 //!
 //! Formats are recognised by content. Masks are kept as run lengths, so that memory follows the size of the
@@ -63,10 +63,16 @@ pub struct Annotation {
 /// A file that cannot be read or is none, and the first annotation that does not fit the recording; the
 /// message names it.
 pub fn read(path: &Path, canvas: &Canvas) -> Result<Vec<Annotation>> {
+    read_with(path, canvas, &References::new())
+}
+
+/// Reads a file of annotations as [`read`] does. `references` are the DICOM files of the recording; empty if
+/// they are not known.
+pub(crate) fn read_with(path: &Path, canvas: &Canvas, references: &References) -> Result<Vec<Annotation>> {
     let at = |e| in_file(e, path);
     // Only the frames that are about the recording are read.
     let found = match is_dicom(path) {
-        true => segmentation::read(path, canvas).map(Some),
+        true => segmentation::read(path, canvas, references).map(Some),
         false => parse(&bytes_of(path)?, canvas),
     };
     match found.map_err(at)? {

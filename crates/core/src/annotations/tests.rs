@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    export::{Export, ExportOptions, ExportPrompt, Format, Provenance},
+    export::{Export, ExportOptions, ExportPrompt, Format, Provenance, tests::segmentation_of},
     grid::{Grid, Mask},
     sequence::Sequence,
 };
@@ -49,7 +49,7 @@ fn exported(format: Format, exclusive: bool, seed: u64) -> Vec<u8> {
         ..crate::export::tests::plain_provenance()
     };
     let folder = tempfile::tempdir().unwrap();
-    let mut export = Export::begin(folder.path(), EXPORTED.collect(), provenance, false).unwrap();
+    let mut export = Export::begin(folder.path(), EXPORTED.collect(), provenance).unwrap();
     let picture = image::RgbImage::new(SIZE[0] as u32, SIZE[1] as u32);
     while let Some(frame) = export.next_frame() {
         // The first prompt wins where both are.
@@ -194,6 +194,47 @@ fn corrected_regions_of_label_studio_count() {
     ] {
         let message = parse(text.as_bytes(), &canvas()).unwrap_err().to_string();
         assert!(message.contains(says), "{text}: {message}");
+    }
+}
+
+#[test]
+fn images_of_tasks_tell_more_than_other_words() {
+    let frame_names = (0..9).map(|i| format!("{i}.png")).collect();
+    let canvas = Canvas { frame_names, num_frames: 9, ..canvas() };
+    let value = r#"{"x": 0, "y": 0, "width": 9, "height": 9, "rectanglelabels": ["fat"]}"#;
+    let result = format!(r#"[{{"type": "rectanglelabels", "value": {value}}}]"#);
+    let frame = |data: &str| {
+        let text = format!(r#"[{{"data": {{{data}}}, "annotations": [{{"result": {result}}}]}}]"#);
+        parse(text.as_bytes(), &canvas).unwrap().unwrap()[0].frame
+    };
+    assert_eq!(frame(r#""case": "3", "image": "/data/upload/7.png""#), 7);
+    assert_eq!(frame(r#""case": "3", "image": "a/other.png""#), 3);
+}
+
+/// Returns bytes in which `to` is everywhere in the place of `from`, which is as long.
+fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
+    let mut out = bytes.to_vec();
+    let places = (0..=bytes.len() - from.len()).filter(|&at| bytes[at..].starts_with(from));
+    places.for_each(|at| out[at..at + from.len()].copy_from_slice(to));
+    out
+}
+
+#[test]
+fn names_of_segments_are_read_in_their_character_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = segmentation_of(folder.path(), &mask(1, 0, 3), 1);
+    let bytes = std::fs::read(&file).unwrap();
+    let name_in = |character_set: &[u8], name: &[u8]| {
+        let changed = replaced(&replaced(&bytes, b"ISO_IR 192", character_set), b"liver ", name);
+        std::fs::write(&file, changed).unwrap();
+        read(&file, &canvas()).map(|found| found[0].name.clone())
+    };
+    assert_eq!(name_in(b"ISO_IR 192", b"liver ").unwrap(), "liver");
+    assert_eq!(name_in(b"ISO_IR 192", b"v\xc3\xa9in ").unwrap(), "véin");
+    assert_eq!(name_in(b"ISO_IR 100", b"v\xe9ine ").unwrap(), "véine");
+    for (character_set, name) in [(b"GB18030   ", b"\xb8\xce\xd4\xe0  "), (b"ISO_IR 13 ", b"\x1b$B12 ")] {
+        let message = name_in(character_set, name).unwrap_err().to_string();
+        assert!(message.contains("character set"), "{message}");
     }
 }
 

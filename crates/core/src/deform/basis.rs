@@ -45,6 +45,18 @@ pub fn basis<T: Real>(shape: BasisShape, time: T, centre: T, width: T) -> T {
     }
 }
 
+/// Returns the width of the same basis function where time is counted in units of `len`, which is at most 1.
+pub(super) fn width_in_unit(shape: BasisShape, width: f32, len: f32) -> f32 {
+    match shape {
+        BasisShape::Gaussian | BasisShape::Spline => width / len,
+        BasisShape::Quartic => {
+            let (width, len) = (f64::from(width), f64::from(len));
+            let square = (width * width + QUARTIC_EPSILON) / (len * len) - QUARTIC_EPSILON;
+            square.max(0.0).sqrt() as f32
+        }
+    }
+}
+
 fn positive<T: Real>(v: T) -> T {
     v.max(T::zero())
 }

@@ -124,7 +124,8 @@ impl Deformation {
     /// Changes the unit of time: what was at `first` is at 0, and what was `len` later is at 1.
     pub(crate) fn begin_at(&mut self, first: f32, len: f32) {
         self.centres.iter_mut().for_each(|centre| *centre = (*centre - first) / len);
-        self.widths.iter_mut().for_each(|width| *width /= len);
+        let shape = self.shape;
+        self.widths.iter_mut().for_each(|width| *width = basis::width_in_unit(shape, *width, len));
         let dim = self.feature_bias.len();
         for (row, bias) in self.feature_weight.chunks_exact_mut(dim + 1).zip(&mut self.feature_bias) {
             *bias += row[dim] * first;
@@ -364,6 +365,24 @@ mod tests {
             for (rest, there) in gaussians.means.iter().zip(moved) {
                 let expected = motion.transform_point3((*rest).into());
                 assert!(expected.distance(there.into()) < 0.12, "{there:?} instead of {expected} at {time}");
+            }
+        }
+    }
+
+    #[test]
+    fn another_unit_of_time_changes_no_motion() {
+        let (n, first, len) = (3, 0.4, 0.1);
+        for shape in [BasisShape::Gaussian, BasisShape::Quartic, BasisShape::Spline] {
+            let mut before = Deformation::at_rest(n, 0, 41, 0.01, 2.5);
+            before.shape = shape;
+            before.weights.iter_mut().enumerate().for_each(|(i, w)| *w = (i as f32).sin());
+            let mut after = before.clone();
+            after.begin_at(first, len);
+            for share in [0.0, 0.13, 0.5, 0.88, 1.0] {
+                let pairs = before.psi(n, first + share * len).into_iter().zip(after.psi(n, share));
+                for (before, after) in pairs {
+                    assert!((before - after).abs() < 1e-2, "{shape:?}: {before}, then {after}");
+                }
             }
         }
     }

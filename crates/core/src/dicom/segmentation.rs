@@ -13,6 +13,7 @@ use crate::{
     reading::{Piece, Pieces},
 };
 use std::{
+    collections::BTreeSet,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
 };
@@ -54,6 +55,8 @@ pub(crate) struct Segmentation {
     /// Value from which a pixel of a fractional segment counts.
     least: u16,
     pub(crate) segments: Vec<Segment>,
+    /// `true` if labels are in another character set than UTF-8 and Latin-1, and were read as far as possible.
+    pub(crate) has_unread_labels: bool,
     pub(crate) frames: Vec<SegmentationFrame>,
     pixels: Piece,
 }
@@ -108,7 +111,9 @@ impl Segmentation {
             ("LABELMAP", 8 | 16) => (true, 0),
             _ => return Err("it is of an unknown kind"),
         };
-        let segments = set.items(tag::SEGMENTS).iter().map(segment).collect::<Option<Vec<_>>>();
+        let (items, is_latin) = (set.items(tag::SEGMENTS), is_latin(set));
+        let segments = items.iter().map(|item| segment(item, is_latin)).collect::<Option<Vec<_>>>();
+        let has_unread_labels = !is_latin && items.iter().any(|item| !item.is_utf8(tag::SEGMENT_LABEL));
         let groups = set.items(tag::PER_FRAME_GROUPS);
         let shared = set.item(tag::SHARED_GROUPS);
         let frames: Vec<_> = groups.iter().map(|group| frame(group, shared, is_labels)).collect();
@@ -131,6 +136,7 @@ impl Segmentation {
             bits: u64::from(bits),
             least,
             segments: segments.ok_or("a segment has no number")?,
+            has_unread_labels,
             frames,
             pixels,
         })
@@ -143,6 +149,13 @@ impl Segmentation {
     /// Returns columns and rows.
     pub(crate) fn size(&self) -> (usize, usize) {
         (self.width, self.height)
+    }
+
+    /// Returns `true` if all frames that refer to a file refer to the same one.
+    pub(crate) fn is_about_one_file(&self) -> bool {
+        let instances: BTreeSet<&str> =
+            self.frames.iter().filter_map(|frame| frame.instance.as_deref()).collect();
+        instances.len() < 2
     }
 
     /// Returns the segment that a pixel of a frame shows, 0 for none.
@@ -180,10 +193,17 @@ impl Segmentation {
     }
 }
 
-fn segment(item: &Set) -> Option<Segment> {
+/// Returns `true` if texts are in Latin-1 (PS3.3, C.12.1.1.2).
+fn is_latin(set: &Set) -> bool {
+    let character_set = set.text(tag::CHARACTER_SET);
+    matches!(character_set.as_deref(), Some("ISO_IR 100" | "ISO 2022 IR 100"))
+}
+
+fn segment(item: &Set, is_latin: bool) -> Option<Segment> {
+    let label = if is_latin { item.latin_text(tag::SEGMENT_LABEL) } else { item.text(tag::SEGMENT_LABEL) };
     Some(Segment {
         number: item.short(tag::SEGMENT_NUMBER)?,
-        label: item.text(tag::SEGMENT_LABEL).unwrap_or_default(),
+        label: label.unwrap_or_default(),
         lab: item.shorts(tag::DISPLAY_COLOUR).try_into().ok(),
     })
 }

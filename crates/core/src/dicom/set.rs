@@ -3,6 +3,9 @@
 use super::tag::Tag;
 use crate::reading::Piece;
 
+/// Beginning of a change of the character set within a text (PS3.5, 6.1.2.5).
+const ESCAPE: u8 = 0x1b;
+
 /// The attributes that were kept, in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Set {
@@ -35,9 +38,19 @@ impl Set {
 
     /// Returns a text without the padding around it; `None` if it is missing or empty.
     pub(crate) fn text(&self, tag: Tag) -> Option<String> {
-        let text = String::from_utf8_lossy(self.bytes(tag)?);
-        let text = text.trim_matches(|c: char| c == '\0' || c == ' ');
-        (!text.is_empty()).then(|| text.to_owned())
+        without_padding(&String::from_utf8_lossy(self.bytes(tag)?))
+    }
+
+    /// Returns a text that is in Latin-1, see [`Self::text`].
+    pub(crate) fn latin_text(&self, tag: Tag) -> Option<String> {
+        let text: String = self.bytes(tag)?.iter().map(|&byte| char::from(byte)).collect();
+        without_padding(&text)
+    }
+
+    /// Returns `true` if a text is in UTF-8, or missing.
+    pub(crate) fn is_utf8(&self, tag: Tag) -> bool {
+        let bytes = self.bytes(tag).unwrap_or_default();
+        str::from_utf8(bytes).is_ok() && !bytes.contains(&ESCAPE)
     }
 
     /// Returns the numbers of a decimal or integer string; those that cannot be read are NaN.
@@ -80,4 +93,9 @@ impl Set {
     pub(crate) fn item(&self, tag: Tag) -> Option<&Set> {
         self.items(tag).first()
     }
+}
+
+fn without_padding(text: &str) -> Option<String> {
+    let text = text.trim_matches(|c: char| c == '\0' || c == ' ');
+    (!text.is_empty()).then(|| text.to_owned())
 }

@@ -3,7 +3,7 @@
 use super::{
     ExportPrompt,
     frame::FrameContent,
-    lettering::{line_px, width_px, write},
+    lettering::{line_px, width_px, wrap, write},
 };
 use crate::palette::Palette;
 use image::{Rgb, RgbImage};
@@ -32,15 +32,20 @@ pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
     let found: Vec<_> = found.map(|(prompt, _)| (words(prompt), prompt.colour)).collect();
     let title = frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
     let state = if frame.is_shown() { "" } else { "  not reconstructed" };
-    caption(picture, &format!("{title}{state}"), &found);
+    caption(picture, &format!("{title}{state}"), &[], &found);
 }
 
-/// Writes a title into the upper left corner, and below it what was found, each with its colour.
-pub fn caption(picture: &mut RgbImage, title: &str, found: &[(String, [u8; 3])]) {
+/// Writes a title into the upper left corner. Below it come notes, on several lines if one would be too wide,
+/// and what was found, each with its colour.
+pub fn caption(picture: &mut RgbImage, title: &str, notes: &[String], found: &[(String, [u8; 3])]) {
     let line = line_px(picture.height());
     write(picture, title, (0, 0), line);
+    let notes: Vec<String> = notes.iter().flat_map(|note| wrap(note, picture.width(), line)).collect();
+    for (k, words) in notes.iter().enumerate() {
+        write(picture, words, (0, (k as u32 + 1) * line), line);
+    }
     for (k, (words, colour)) in found.iter().enumerate() {
-        let top = (k as u32 + 1) * line;
+        let top = (notes.len() as u32 + k as u32 + 1) * line;
         fill(picture, (0, top), (line, line), |_| [0; 3]);
         let gap = line / 5;
         fill(picture, (gap, top + gap), (line - 2 * gap, line - 2 * gap), |_| *colour);
@@ -86,6 +91,19 @@ mod tests {
         assert_eq!(timecode(61.456), "1:01.46");
         assert_eq!(timecode(59.999), "1:00.00");
         assert_eq!(timecode(-1.0), "0:00.00");
+    }
+
+    #[test]
+    fn notes_lie_below_the_title_and_are_never_cut_off() {
+        const LONG: &str = "Synthesised view – not what the endoscope saw";
+        let width = width_px(LONG, 12) - 1;
+        let lines = |notes: &[&str]| {
+            let mut picture = RgbImage::from_pixel(width, 120, Rgb([90, 0, 0]));
+            let notes: Vec<String> = notes.iter().map(|note| (*note).to_owned()).collect();
+            caption(&mut picture, "frame 1", &notes, &[("liver".into(), [0, 200, 0])]);
+            (0..10).take_while(|line| picture.get_pixel(0, 12 * line + 6).0 != [90, 0, 0]).count()
+        };
+        assert_eq!([lines(&[]), lines(&["guessed"]), lines(&["guessed", LONG])], [2, 3, 5]);
     }
 
     #[test]

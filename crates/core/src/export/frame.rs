@@ -111,8 +111,14 @@ impl<'a> FrameContent<'a> {
     fn kept_scores(&self) -> Vec<Grid<f32>> {
         let mut kept: Vec<Grid<f32>> = self.cleaned.iter().map(|s| s.as_ref().clone()).collect();
         if self.provenance.options.exclusive {
+            let (width, height) = self.size();
+            let mut won = vec![false; width * height];
+            for mask in &self.masks {
+                won.iter_mut().zip(&mask.data).for_each(|(won, own)| *won |= own);
+            }
             for (scores, mask) in kept.iter_mut().zip(&self.masks) {
-                scores.data.iter_mut().zip(&mask.data).filter(|(_, won)| !**won).for_each(|(s, _)| *s = 0.0);
+                let pixels = scores.data.iter_mut().zip(mask.data.iter().zip(&won));
+                pixels.filter(|(_, (own, won))| **won && !**own).for_each(|(score, _)| *score = 0.0);
             }
         }
         kept

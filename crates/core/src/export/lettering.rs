@@ -53,6 +53,20 @@ pub(super) fn write(picture: &mut RgbImage, words: &str, (left, top): (u32, u32)
     });
 }
 
+/// Breaks words into lines of at most `width` columns, one word at least.
+pub(super) fn wrap(words: &str, width: u32, line_px: u32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in words.split(' ') {
+        match lines.last_mut() {
+            Some(line) if width_px(&format!("{line} {word}"), line_px) <= width => {
+                *line = format!("{line} {word}");
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 fn scale(line_px: u32) -> PxScale {
     PxScale::from(line_px as f32 / LINE)
 }

@@ -9,8 +9,8 @@
 //!
 //! Files are written completely or not at all. Beginning again in the same folder with the same request
 //! continues where it stopped: existing files of single frames stay, and files about all frames are made
-//! anew unless they are finished. A file that does not belong to this export is never overwritten unless
-//! that is asked for.
+//! anew unless they are finished. A file that does not belong to this export is never overwritten: an
+//! earlier export is replaced by [`OutputFolder`](crate::files::OutputFolder), which claims the folder.
 
 mod caption;
 mod format;
@@ -56,7 +56,6 @@ pub struct Export {
     folder: PathBuf,
     frames: Vec<usize>,
     next: usize,
-    overwrite: bool,
     record: Record,
     unsaved: usize,
     skipped: usize,
@@ -94,20 +93,16 @@ pub struct ExportSummary {
 }
 
 impl Export {
-    /// Starts or continues the export of `frames` into `folder`.
+    /// Starts or continues the export of `frames` into `folder`, which the caller has claimed, so that nobody
+    /// else writes into it.
     ///
     /// Where the provenance has no prompts but words that were left out, the record of them is everything that is
     /// written.
     ///
     /// Fails if there are no frames, words or formats, or if there are more prompts than labels. Fails
     /// if frames in between are left out and a format has one file about all frames. Also fails if the
-    /// folder holds files of another export and `overwrite` is false.
-    pub fn begin(
-        folder: &Path,
-        mut frames: Vec<usize>,
-        mut provenance: Provenance,
-        overwrite: bool,
-    ) -> Result<Self> {
+    /// folder holds files of another export.
+    pub fn begin(folder: &Path, mut frames: Vec<usize>, mut provenance: Provenance) -> Result<Self> {
         // The same formats are the same export, in whatever order they are requested.
         provenance.options.formats.sort_unstable();
         provenance.options.formats.dedup();
@@ -117,16 +112,15 @@ impl Export {
         }
         let record = match Record::read(folder)? {
             Some(found) if found.provenance == provenance => found,
-            Some(_) if !overwrite => {
+            Some(_) => {
                 return Err(Error::input_at(
                     folder,
                     "the folder holds another export",
                     Remedy::Replace.after("Choose an empty folder."),
                 ));
             }
-            Some(_) => Record::new(provenance),
             None => {
-                refuse_foreign_files(folder, &provenance, &frames, overwrite)?;
+                refuse_foreign_files(folder, &provenance, &frames)?;
                 Record::new(provenance)
             }
         };
@@ -134,7 +128,6 @@ impl Export {
             folder: folder.to_owned(),
             frames,
             next: 0,
-            overwrite,
             record,
             unsaved: 0,
             skipped: 0,
@@ -233,9 +226,9 @@ impl Export {
         let is_to_draw = self.needs_files(frame);
         let content = FrameContent::new(&self.record.provenance, frame, picture, scores, tools);
         let files = if is_to_draw { pictures::draw(&content)? } else { Vec::new() };
-        let (folder, overwrite) = (self.folder.as_path(), self.overwrite);
+        let folder = self.folder.as_path();
         let written: Result<Vec<ExportedFile>> =
-            files.into_par_iter().map(|file| write_file(folder, frame, file, overwrite)).collect();
+            files.into_par_iter().map(|file| write_file(folder, frame, file)).collect();
         for OpenSeries { name, writer } in &mut self.series {
             writer.add(&content).map_err(|e| Error::io("write the file", folder.join(name), e))?;
         }
@@ -272,7 +265,7 @@ impl Export {
             let path = self.folder.join(&name);
             let file = writer.finish().map_err(|e| Error::io("write the file", &path, e))?;
             let sha256 = file_sha256(file.temporary_path())?;
-            if is_to_be_written(&path, &sha256, self.overwrite)? {
+            if is_to_be_written(&path, &sha256)? {
                 file.commit()?;
             }
             self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
@@ -288,10 +281,10 @@ impl Export {
             let recorded = self.record.files.iter().find(|f| f.name == name);
             let path = self.folder.join(name);
             let is_due = match recorded {
-                Some(file) => is_to_be_written(&path, &file.sha256, self.overwrite)?,
+                Some(file) => is_to_be_written(&path, &file.sha256)?,
                 None => true,
             };
-            if is_due || self.overwrite {
+            if is_due {
                 due.push(format);
             }
         }
@@ -300,7 +293,7 @@ impl Export {
 
     /// Returns `true` if files of a single frame have to be written.
     fn needs_files(&self, frame: usize) -> bool {
-        self.record.provenance.shows(frame) && (self.overwrite || !self.is_finished(frame))
+        self.record.provenance.shows(frame) && !self.is_finished(frame)
     }
 
     fn is_finished(&self, frame: usize) -> bool {
@@ -383,26 +376,26 @@ fn labels_text(format: Format, provenance: &Provenance) -> String {
     provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }))
 }
 
-fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {
+fn write_file(folder: &Path, frame: usize, file: pictures::File) -> Result<ExportedFile> {
     let path = folder.join(&file.name);
     let sha256 = sha256(&file.bytes);
-    if is_to_be_written(&path, &sha256, overwrite)? {
+    if is_to_be_written(&path, &sha256)? {
         write_whole(&path, &file.bytes)?;
     }
     Ok(ExportedFile { name: file.name, sha256, frame: Some(frame), prompt: file.prompt })
 }
 
 /// Returns `true` if a file of the export with this hash does not exist yet; an error if another one is
-/// in its place and must stay.
-fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> {
+/// in its place.
+fn is_to_be_written(path: &Path, sha256: &str) -> Result<bool> {
     match file_sha256(path) {
         Ok(there) if there == sha256 => Ok(false),
-        Ok(_) if !overwrite => Err(Error::input_at(
+        Ok(_) => Err(Error::input_at(
             path,
             "a file of the export is there already, with other content",
             Remedy::Replace.after("It was changed since. Choose an empty folder."),
         )),
-        _ => Ok(true),
+        Err(_) => Ok(true),
     }
 }
 
@@ -429,16 +422,11 @@ fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
 
 /// Returns an error if existing files would be overwritten: without a record, they belong to
 /// no earlier export.
-fn refuse_foreign_files(
-    folder: &Path,
-    provenance: &Provenance,
-    frames: &[usize],
-    overwrite: bool,
-) -> Result<()> {
+fn refuse_foreign_files(folder: &Path, provenance: &Provenance, frames: &[usize]) -> Result<()> {
     let mut planned = series_formats(provenance, frames)
         .map(|format| series::name(format, frames))
         .chain(frames.iter().flat_map(|&f| pictures::names(provenance, f)));
-    match planned.find(|name| !overwrite && folder.join(name).exists()) {
+    match planned.find(|name| folder.join(name).exists()) {
         None => Ok(()),
         Some(name) => Err(Error::input_at(
             folder.join(name),

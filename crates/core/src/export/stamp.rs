@@ -1,7 +1,7 @@
 //! The words on every overlay. They are part of the picture, because screenshots travel
 //! without their caption.
 
-use super::lettering::{line_px, width_px, write};
+use super::lettering::{line_px, wrap, write};
 use image::RgbImage;
 
 pub(super) const WORDS: &str = "research use only";
@@ -15,18 +15,4 @@ pub fn stamp(image: &mut RgbImage) {
         let Some(top) = image.height().checked_sub((k as u32 + 1) * height) else { break };
         write(image, line, (0, top), height);
     }
-}
-
-/// Breaks words into lines of at most `width` columns, one word at least.
-fn wrap(words: &str, width: u32, height: u32) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in words.split(' ') {
-        match lines.last_mut() {
-            Some(line) if width_px(&format!("{line} {word}"), height) <= width => {
-                *line = format!("{line} {word}");
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }

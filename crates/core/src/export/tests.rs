@@ -60,13 +60,26 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
 
 /// Writes a DICOM segmentation of "liver" on one frame, and returns its path.
 pub(crate) fn segmentation_of(folder: &Path, mask: &Mask, frame: usize) -> PathBuf {
+    segmentation_from(folder, std::slice::from_ref(mask), frame, None)
+}
+
+/// Writes a DICOM segmentation of "liver" on the frames from `first` on, and returns its path.
+pub(crate) fn segmentation_from(
+    folder: &Path,
+    masks: &[Mask],
+    first: usize,
+    sources: Option<SourceReferences>,
+) -> PathBuf {
     let mut how = provenance(&[Format::DicomSeg], false);
     how.prompts.remove(0);
-    let mut export = Export::begin(folder, vec![frame], how, false).unwrap();
-    let picture = RgbImage::new(mask.width as u32, mask.height as u32);
-    export.write(&picture, &[mask.map(|is_in| f32::from(u8::from(*is_in)))], None).unwrap();
+    let frames: Vec<usize> = (first..first + masks.len()).collect();
+    let mut export = Export::begin(folder, frames.clone(), how).unwrap().with_sources(sources);
+    for mask in masks {
+        let picture = RgbImage::new(mask.width as u32, mask.height as u32);
+        export.write(&picture, &[mask.map(|is_in| f32::from(u8::from(*is_in)))], None).unwrap();
+    }
     export.finish().unwrap();
-    folder.join(series::name(Format::DicomSeg, &[frame]))
+    folder.join(series::name(Format::DicomSeg, &frames))
 }
 
 /// Returns the provenance of an export without clean-up and formats.
@@ -74,8 +87,8 @@ pub(crate) fn plain_provenance() -> Provenance {
     provenance(&[], false)
 }
 
-fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) -> Result<ExportSummary> {
-    let mut export = Export::begin(folder, frames.to_vec(), provenance.clone(), force)?;
+fn run(folder: &Path, frames: &[usize], provenance: &Provenance) -> Result<ExportSummary> {
+    let mut export = Export::begin(folder, frames.to_vec(), provenance.clone())?;
     while export.next_frame().is_some() {
         export.write(&picture(), &scores(), None)?;
     }
@@ -85,7 +98,7 @@ fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) ->
 #[test]
 fn cutouts_are_straight_and_hold_nothing_of_what_they_hide() {
     let folder = tempfile::tempdir().unwrap();
-    run(folder.path(), &[7], &provenance(&[Format::Cutout], false), false).unwrap();
+    run(folder.path(), &[7], &provenance(&[Format::Cutout], false)).unwrap();
     let cut = image::open(folder.path().join("cutout/frame_000007_bile-sac.png")).unwrap();
     assert_eq!(cut.color(), image::ColorType::Rgba8);
     let cut = cut.to_rgba8();
@@ -97,7 +110,7 @@ fn cutouts_are_straight_and_hold_nothing_of_what_they_hide() {
 fn masks_are_0_or_255_and_overlap_only_if_allowed() {
     for (exclusive, shared) in [(false, 255), (true, 0)] {
         let folder = tempfile::tempdir().unwrap();
-        run(folder.path(), &[0], &provenance(&[Format::Binary], exclusive), false).unwrap();
+        run(folder.path(), &[0], &provenance(&[Format::Binary], exclusive)).unwrap();
         let at = |name: &str, x| {
             let mask = image::open(folder.path().join(name)).unwrap();
             assert_eq!(mask.color(), image::ColorType::L8);
@@ -111,7 +124,7 @@ fn masks_are_0_or_255_and_overlap_only_if_allowed() {
 #[test]
 fn label_images_carry_ids_that_labels_json_names() {
     let folder = tempfile::tempdir().unwrap();
-    run(folder.path(), &[0], &provenance(&[Format::Index], false), false).unwrap();
+    run(folder.path(), &[0], &provenance(&[Format::Index], false)).unwrap();
     let ids = image::open(folder.path().join("index/frame_000000.png")).unwrap().to_luma8();
     assert_eq!([0, 15, 30].map(|x| ids.get_pixel(x, 5).0[0]), [1, 1, 2]);
     let labels: serde_json::Value =
@@ -126,7 +139,7 @@ fn overlays_are_stamped_unless_switched_off_and_the_record_says_so() {
         let folder = tempfile::tempdir().unwrap();
         let mut how = provenance(&[Format::Overlay], false);
         how.options.stamp = stamp;
-        run(folder.path(), &[0], &how, false).unwrap();
+        run(folder.path(), &[0], &how).unwrap();
         let text = std::fs::read_to_string(folder.path().join(PROVENANCE_FILE)).unwrap();
         let record: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(record["options"]["stamp"], stamp);
@@ -143,7 +156,7 @@ fn masks_are_cleaned_up_as_the_record_says_and_scores_stay() {
     let folder = tempfile::tempdir().unwrap();
     let mut how = provenance(&[Format::Binary, Format::Npy], false);
     how.options.clean_up = CleanUp { grow_px: 2, ..Default::default() };
-    run(folder.path(), &[0], &how, false).unwrap();
+    run(folder.path(), &[0], &how).unwrap();
     let mask = image::open(folder.path().join("binary/frame_000000_bile-sac.png")).unwrap().to_luma8();
     assert_eq!([19, 21, 22].map(|x| mask.get_pixel(x, 5).0[0]), [255, 255, 0]);
     let bytes = std::fs::read(folder.path().join("npy/frame_000000_bile-sac.npy")).unwrap();
@@ -160,7 +173,7 @@ fn overlays_lie_below_instruments_unless_said_otherwise() {
         let mut how = provenance(&[Format::Overlay], false);
         how.options.stamp = false;
         how.options.look = OverlayLook { style: OverlayStyle::Fill, below_instruments, ..Default::default() };
-        let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+        let mut export = Export::begin(folder.path(), vec![0], how).unwrap();
         export.write(&picture(), &scores(), Some(&tools)).unwrap();
         image::open(folder.path().join("overlay/frame_000000.png")).unwrap().to_rgb8()
     };
@@ -171,13 +184,30 @@ fn overlays_lie_below_instruments_unless_said_otherwise() {
 }
 
 #[test]
+fn heatmaps_of_exclusive_prompts_leave_out_only_what_another_one_has_won() {
+    // The first prompt wins the right half, and neither the left one.
+    let first = Grid::from_vec(40, 24, (0..40 * 24).map(|i| if i % 40 < 20 { 0.2 } else { 0.6 }).collect());
+    let scores = [first.clone(), Grid::filled(40, 24, 0.4)];
+    let nothing = [first, Grid::filled(40, 24, 0.0)];
+    let drawn = |exclusive: bool, scores: &[Grid<f32>]| {
+        let mut how = provenance(&[], exclusive);
+        how.options.look.style = OverlayStyle::Heatmap;
+        FrameContent::new(&how, 0, &picture(), scores, None).small_overlay(40)
+    };
+    let exclusive = drawn(true, &scores);
+    assert_eq!(exclusive, drawn(false, &scores), "the highest scores are the same");
+    let left = |image: &RgbImage| *image.get_pixel(5, 5);
+    assert_ne!(left(&exclusive), left(&drawn(true, &nothing)), "the second prompt is there");
+}
+
+#[test]
 fn overlays_have_the_size_and_the_words_that_were_asked_for() {
     let drawn = |options: &dyn Fn(&mut ExportOptions)| {
         let folder = tempfile::tempdir().unwrap();
         let mut how = provenance(&[Format::Overlay, Format::Binary], false);
         how.options.stamp = false;
         options(&mut how.options);
-        run(folder.path(), &[11], &how, false).unwrap();
+        run(folder.path(), &[11], &how).unwrap();
         let mask = image::open(folder.path().join("binary/frame_000011_liver.png")).unwrap();
         assert_eq!((mask.width(), mask.height()), (40, 24), "masks keep the recording's size");
         image::open(folder.path().join("overlay/frame_000011.png")).unwrap().to_rgb8()
@@ -199,7 +229,7 @@ fn overlays_have_the_size_and_the_words_that_were_asked_for() {
 fn the_record_lists_every_file_with_its_hash() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Cutout, Format::Binary, Format::Index], false);
-    let summary = run(folder.path(), &[0, 2], &how, false).unwrap();
+    let summary = run(folder.path(), &[0, 2], &how).unwrap();
     assert_eq!(summary, ExportSummary { complete: true, frames: 2, files: 10, ..Default::default() });
     let record = Record::read(folder.path()).unwrap().unwrap();
     assert!(record.complete);
@@ -213,20 +243,20 @@ fn the_record_lists_every_file_with_its_hash() {
 fn an_export_goes_on_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Binary], false);
-    let mut first = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
+    let mut first = Export::begin(folder.path(), vec![0, 1, 2], how.clone()).unwrap();
     assert_eq!(first.next_frame(), Some(0));
     first.write(&picture(), &scores(), None).unwrap();
     assert!(!first.finish().unwrap().complete);
 
     std::fs::remove_file(folder.path().join("binary/frame_000000_liver.png")).unwrap();
-    let mut second = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
+    let mut second = Export::begin(folder.path(), vec![0, 1, 2], how.clone()).unwrap();
     assert_eq!(second.next_frame(), Some(0), "a frame with a missing file is not finished");
     while second.next_frame().is_some() {
         second.write(&picture(), &scores(), None).unwrap();
     }
     assert!(second.finish().unwrap().complete);
 
-    let third = run(folder.path(), &[0, 1, 2], &how, false).unwrap();
+    let third = run(folder.path(), &[0, 1, 2], &how).unwrap();
     assert_eq!((third.complete, third.skipped_frames), (true, 3));
 }
 
@@ -237,7 +267,7 @@ fn frames_that_the_scene_does_not_show_are_not_said_to_be_empty() {
         [Format::Binary, Format::Yolo, Format::Csv, Format::Json, Format::Coco, Format::LabelStudio];
     let how = Provenance { frames_not_shown: vec![[1, 2]], ..provenance(&formats, false) };
     for skipped in [0, 2] {
-        let summary = run(folder.path(), &[0, 1, 2, 3], &how, false).unwrap();
+        let summary = run(folder.path(), &[0, 1, 2, 3], &how).unwrap();
         assert_eq!((summary.complete, summary.skipped_frames, summary.frames_not_shown), (true, skipped, 2));
     }
     let read = |format: Format| {
@@ -280,16 +310,17 @@ fn an_export_goes_on_with_another_number_of_threads() {
         Provenance::new(&scene, "00".into(), &encoder, plain.relevancy, names, plain.prompts, plain.options)
     };
     let folder = tempfile::tempdir().unwrap();
-    let mut stopped = Export::begin(folder.path(), vec![0, 1], by("CPU, 2 threads, Avx512"), false).unwrap();
+    let mut stopped = Export::begin(folder.path(), vec![0, 1], by("CPU, 2 threads, Avx512")).unwrap();
     stopped.write(&picture(), &scores(), None).unwrap();
     assert!(!stopped.finish().unwrap().complete);
     assert!(Export::is_of(folder.path(), &by("CPU, 16 threads, Avx512")));
     assert!(!Export::is_of(folder.path(), &by("CPU, 2 threads, Avx2")), "which may round differently");
-    let whole = run(folder.path(), &[0, 1], &by("CPU, 16 threads, Avx512"), false).unwrap();
+    let whole = run(folder.path(), &[0, 1], &by("CPU, 16 threads, Avx512")).unwrap();
     assert_eq!((whole.complete, whole.skipped_frames), (true, 1));
     // As older records have it.
     let older = Provenance { rendered_by: "CPU, 2 threads, Avx512".into(), ..by("") };
-    run(folder.path(), &[0], &older, true).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &[0], &older).unwrap();
     assert!(Export::is_of(folder.path(), &by("CPU, 3 threads, Avx512")));
 }
 
@@ -298,7 +329,7 @@ fn numbers_of_the_record_come_back_to_the_last_bit() {
     let folder = tempfile::tempdir().unwrap();
     let floors: Vec<f32> = (1..2000_u16).map(|i| f32::from(i).recip().sin()).collect();
     let how = Provenance { calibration: serde_json::json!(floors), ..provenance(&[Format::Binary], false) };
-    run(folder.path(), &[0], &how, false).unwrap();
+    run(folder.path(), &[0], &how).unwrap();
     assert!(Export::is_of(folder.path(), &how));
 }
 
@@ -312,38 +343,38 @@ fn words_without_meaning_are_recorded_and_nothing_else_is_written() {
         ..provenance(&[Format::Binary, Format::Index, Format::Video], false)
     };
     let expected = ExportSummary { complete: true, left_out: vec![spleen], ..Default::default() };
-    assert_eq!(run(folder.path(), &[0, 1], &how, false).unwrap(), expected);
+    assert_eq!(run(folder.path(), &[0, 1], &how).unwrap(), expected);
     assert!(Record::read(folder.path()).unwrap().unwrap().complete);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "the record is alone");
-    assert_eq!(run(folder.path(), &[0, 1], &how, false).unwrap(), expected, "and stays as it is");
+    assert_eq!(run(folder.path(), &[0, 1], &how).unwrap(), expected, "and stays as it is");
 }
 
 #[test]
-fn nothing_foreign_is_overwritten_unless_asked_for() {
+fn nothing_foreign_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let mine = folder.path().join("binary/frame_000000_liver.png");
     std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
     std::fs::write(&mine, b"mine").unwrap();
     let how = provenance(&[Format::Binary], false);
-    assert!(run(folder.path(), &[0], &how, false).unwrap_err().remedy() == Some(Remedy::Replace));
+    assert!(run(folder.path(), &[0], &how).unwrap_err().remedy() == Some(Remedy::Replace));
     assert_eq!(std::fs::read(&mine).unwrap(), b"mine");
-    run(folder.path(), &[0], &how, true).unwrap();
-    assert_ne!(std::fs::read(&mine).unwrap(), b"mine");
 
+    std::fs::remove_file(&mine).unwrap();
+    run(folder.path(), &[0], &how).unwrap();
     std::fs::write(&mine, b"edited").unwrap();
-    assert!(run(folder.path(), &[0], &how, false).unwrap_err().to_string().contains("changed"));
+    assert!(run(folder.path(), &[0], &how).unwrap_err().to_string().contains("changed"));
     let other = provenance(&[Format::Binary], true);
-    assert!(run(folder.path(), &[0], &other, false).unwrap_err().to_string().contains("another export"));
+    assert!(run(folder.path(), &[0], &other).unwrap_err().to_string().contains("another export"));
 }
 
 #[test]
 fn empty_requests_and_wrong_sizes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Binary], false);
-    assert!(run(folder.path(), &[], &how, false).is_err());
-    assert!(run(folder.path(), &[0], &provenance(&[], false), false).is_err());
-    assert!(run(folder.path(), &[0], &Provenance { prompts: Vec::new(), ..how.clone() }, false).is_err());
-    let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+    assert!(run(folder.path(), &[], &how).is_err());
+    assert!(run(folder.path(), &[0], &provenance(&[], false)).is_err());
+    assert!(run(folder.path(), &[0], &Provenance { prompts: Vec::new(), ..how.clone() }).is_err());
+    let mut export = Export::begin(folder.path(), vec![0], how).unwrap();
     assert!(export.write(&RgbImage::new(3, 3), &scores(), None).is_err());
     assert!(export.write(&picture(), &scores()[..1], None).is_err());
 }
@@ -354,7 +385,7 @@ fn scores_are_kept_to_half_a_step_as_pictures_and_exactly_as_arrays() {
     let how = provenance(&[Format::Score, Format::Npy], false);
     let values = [0.0, 1e-6, 0.333_333_3, 0.5, 0.999_99, 1.0, f32::NAN];
     let ramp = Grid::from_vec(40, 24, (0..40 * 24).map(|i| values[i % 7]).collect());
-    let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+    let mut export = Export::begin(folder.path(), vec![0], how).unwrap();
     export.write(&picture(), &[ramp.clone(), scores().remove(1)], None).unwrap();
     export.finish().unwrap();
     let seen = image::open(folder.path().join("score/frame_000000_bile-sac.png")).unwrap();
@@ -374,14 +405,15 @@ fn outlines_are_lines_along_the_edges_of_pixels() {
     let folder = tempfile::tempdir().unwrap();
     let mut how = provenance(&[Format::Outline], false);
     how.prompts[0].text = "bile & <sac>".into();
-    run(folder.path(), &[3], &how, false).unwrap();
+    run(folder.path(), &[3], &how).unwrap();
     let svg = std::fs::read_to_string(folder.path().join("outline/frame_000003.svg")).unwrap();
     assert!(svg.contains("viewBox=\"0 0 40 24\""));
     assert!(svg.contains("d=\"M0 0H20V24H0Z\"><title>bile &amp; &lt;sac&gt;</title>"), "{svg}");
     assert!(svg.contains("stroke=\"#e650e6\""));
     assert!(svg.contains("research use only"));
     how.options.stamp = false;
-    run(folder.path(), &[3], &how, true).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &[3], &how).unwrap();
     let svg = std::fs::read_to_string(folder.path().join("outline/frame_000003.svg")).unwrap();
     assert!(!svg.contains("research use only"));
 }

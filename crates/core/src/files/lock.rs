@@ -7,7 +7,11 @@ use std::{
     fs::{File, OpenOptions, TryLockError},
     io::{Read, Write},
     path::{Path, PathBuf},
+    time::{Duration, Instant},
 };
+
+/// Time between two attempts at a lock that another program holds.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// A lock on an output, which no other program may write to; released when dropped.
 #[derive(Debug)]
@@ -20,39 +24,50 @@ pub struct Lock {
 impl Lock {
     /// Locks the existing folder `folder`.
     pub(super) fn of_folder(folder: &Path) -> Result<Self> {
-        Self::acquire(folder.join(LOCK_FILE), folder)
+        Self::acquire(&folder.join(LOCK_FILE), folder)
     }
 
     /// Locks the file `path`, which need not exist; its folder must.
     pub(super) fn of_file(path: &Path) -> Result<Self> {
         // A hash is used: with our ending, the longest names would not fit.
-        Self::acquire(path.with_file_name(format!(".surgtpgs-{}.lock", short_hash(path))), path)
+        Self::acquire(&path.with_file_name(format!(".surgtpgs-{}.lock", short_hash(path))), path)
     }
 
     /// Locks `output` by way of the file `path`, which need not exist; its folder must. Fails, and names the
     /// owner, if another program holds the lock.
-    pub fn acquire(path: PathBuf, output: &Path) -> Result<Self> {
+    pub fn acquire(path: &Path, output: &Path) -> Result<Self> {
+        Self::attempt(path, output)?
+    }
+
+    /// Does the same as [`Lock::acquire`], but tries again for as long as `patience` while another program holds
+    /// the lock.
+    pub fn acquire_within(patience: Duration, path: &Path, output: &Path) -> Result<Self> {
+        retried(patience, || Self::attempt(path, output))
+    }
+
+    /// Tries to take the lock; the inner error says that another program holds it.
+    pub(super) fn attempt(path: &Path, output: &Path) -> Result<Result<Self>> {
         let fail = |e| Error::io("reserve the output", output, e);
         loop {
             if path.symlink_metadata().is_ok_and(|data| !data.is_file()) {
                 let what = "something else has the name of the lock of this output";
-                return Err(Error::input_at(&path, what, "Move it away."));
+                return Err(Error::input_at(path, what, "Move it away."));
             }
             let options = OpenOptions::new().create(true).truncate(false).read(true).write(true).to_owned();
-            let mut file = options.open(&path).map_err(fail)?;
+            let mut file = options.open(path).map_err(fail)?;
             match file.try_lock() {
                 Err(TryLockError::Error(e)) if !is_unsupported(&e) => return Err(fail(e)),
-                Err(TryLockError::WouldBlock) => return Err(taken(&mut file, output)),
+                Err(TryLockError::WouldBlock) => return Ok(Err(taken(&mut file, output))),
                 _ => {}
             }
             // Its owner may have removed it between the two steps.
-            if !is_at(&file, &path) {
+            if !is_at(&file, path) {
                 continue;
             }
             let owner = format!("process {} on {}", std::process::id(), gethostname::gethostname().display());
             // The owner is only named in the message to another program.
             let _ = file.set_len(0).and_then(|()| file.write_all(owner.as_bytes()));
-            return Ok(Self { path, _file: file });
+            return Ok(Ok(Self { path: path.to_owned(), _file: file }));
         }
     }
 
@@ -64,6 +79,17 @@ impl Lock {
     /// Notes that the folder of the lock was renamed to `folder`.
     pub(super) fn move_to(&mut self, folder: &Path) {
         self.path = folder.join(LOCK_FILE);
+    }
+}
+
+/// Tries again for as long as `patience` while the inner result is an error, and returns the last one.
+pub(super) fn retried<T>(patience: Duration, mut attempt: impl FnMut() -> Result<Result<T>>) -> Result<T> {
+    let started = Instant::now();
+    loop {
+        match attempt()? {
+            Err(_) if started.elapsed() < patience => std::thread::sleep(PAUSE),
+            last => return last,
+        }
     }
 }
 

@@ -3,6 +3,7 @@ use crate::{Error, Remedy, Result};
 use std::{
     io::Write,
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 #[test]
@@ -217,6 +218,25 @@ fn two_programs_do_not_write_one_result_and_the_dead_hold_none() {
     drop(first);
     assert!(OutputFile::claim(&file, claim).is_ok());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no lock stays");
+}
+
+#[test]
+fn a_lock_that_is_held_for_a_moment_is_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.lock");
+    let mut held = Some(Lock::acquire(&path, folder.path()).unwrap());
+    let at_once = Lock::acquire_within(Duration::ZERO, &path, folder.path());
+    assert!(at_once.unwrap_err().to_string().contains("another program"));
+    let mut attempts = 0;
+    let lock = lock::retried(Duration::from_secs(600), || {
+        attempts += 1;
+        if attempts == 3 {
+            drop(held.take());
+        }
+        Lock::attempt(&path, folder.path())
+    });
+    assert!(lock.is_ok() && attempts == 3, "{attempts}");
+    assert!(Lock::acquire(&path, folder.path()).is_err());
 }
 
 #[test]

@@ -39,26 +39,26 @@ impl Correction {
     ) -> Result<BTreeMap<String, Self>> {
         let names = marks.names();
         let all = Evidence::of_all(marks, &names, scene);
-        let mut corrections = BTreeMap::new();
-        for (k, name) in names.into_iter().enumerate() {
-            let own = all.iter().map(|(frame, evidence)| (*frame, evidence.alone(k)));
-            let evidence: BTreeMap<usize, Evidence> = own.filter(|(_, own)| !own.is_empty()).collect();
-            let mut seeds = Seeds::none(scene, 1);
-            for (&frame, own) in &evidence {
-                let scores = before(&name, frame)?;
-                let (mut of_name, others): (Vec<&Mark>, Vec<&Mark>) =
-                    marks.on(frame).partition(|mark| mark.name == name);
-                if of_name.is_empty() {
-                    of_name = others;
+        let mut asked: Vec<(Seeds, BTreeMap<usize, Evidence>)> =
+            names.iter().map(|_| (Seeds::none(scene, 1), BTreeMap::new())).collect();
+        // Frame by frame, so that the scores of all names come from one picture.
+        for (frame, evidence) in all {
+            for (k, (name, (seeds, of_name))) in names.iter().zip(&mut asked).enumerate() {
+                let own = evidence.alone(k);
+                if own.is_empty() {
+                    continue;
                 }
-                let is_outlined = of_name.iter().all(|mark| mark.shape.is_outlined());
-                let planes = changes(own, &scores, threshold, is_outlined);
+                let scores = before(name, frame)?;
+                let planes = changes(&own, &scores, threshold, is_outlined(marks, frame, name));
                 seeds.add_pixels(scene, scene.cameras[frame], scene.time(frame), |_| planes.clone());
+                of_name.insert(frame, own);
             }
-            let change = spread(&graph.links, &seeds, Before::Nothing, PULL, None).pop().unwrap_or_default();
-            corrections.insert(name, Self { change, evidence });
         }
-        Ok(corrections)
+        let correction = |(name, (seeds, evidence)): (String, (Seeds, BTreeMap<usize, Evidence>))| {
+            let change = spread(&graph.links, &seeds, Before::Nothing, PULL, None).pop().unwrap_or_default();
+            (name, Self { change, evidence })
+        };
+        Ok(names.into_iter().zip(asked).map(correction).collect())
     }
 
     /// Changes the scores of a view, which shows a recorded `frame` or none.
@@ -81,6 +81,13 @@ impl Correction {
         let [plane] = planes;
         scores.data = plane;
     }
+}
+
+/// Returns `true` if outlines alone mark a class on a frame, or, where nothing marks it, all others.
+fn is_outlined(marks: &Marks, frame: usize, name: &str) -> bool {
+    let (of_name, others): (Vec<&Mark>, Vec<&Mark>) = marks.on(frame).partition(|mark| mark.name == name);
+    let deciding = if of_name.is_empty() { others } else { of_name };
+    deciding.iter().all(|mark| mark.shape.is_outlined())
 }
 
 /// Returns the weight of each pixel, and the change of its score that the marks ask for. Outlines say on

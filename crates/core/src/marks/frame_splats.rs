@@ -25,8 +25,7 @@ pub(super) struct FrameSplats {
 impl FrameSplats {
     /// Projects the Gaussians to a frame at half size, rounded down.
     pub(super) fn at_half(scene: &Scene, frame: usize) -> Self {
-        let camera = scene.cameras[frame];
-        Self::of(scene, camera.resized(camera.width / 2, camera.height / 2), scene.time(frame))
+        Self::of(scene, scene.cameras[frame].halved(), scene.time(frame))
     }
 
     /// Projects the Gaussians to a view.

@@ -82,8 +82,7 @@ impl MarkedFrame {
             let shares = self.own_shares[names.clone()].iter().flat_map(|plane| plane.iter().zip(&weights));
             (known.repeat(names.len()), shares.map(|(share, weight)| share * weight).collect())
         };
-        let camera = scene.cameras[frame].resized(width as u32, height as u32);
-        seeds.add_pixels(scene, camera, scene.time(frame), planes);
+        seeds.add_pixels(scene, scene.cameras[frame].halved(), scene.time(frame), planes);
     }
 
     /// Mixes the shares of unmarked pixels with those of marked pixels of another frame, looked up along

@@ -158,6 +158,19 @@ impl Marks {
         self.filtered(|mark| names.contains(&&mark.name))
     }
 
+    /// Gives marks other names, where `name` returns one.
+    #[must_use]
+    pub fn renamed(mut self, name: impl Fn(&str) -> Option<String>) -> Self {
+        let other = |old: String| name(&old).map(|new| (old, new));
+        let names: BTreeMap<String, String> = self.names().into_iter().filter_map(other).collect();
+        for mark in &mut self.marks {
+            if let Some(new) = names.get(&mark.name) {
+                mark.name.clone_from(new);
+            }
+        }
+        self
+    }
+
     /// Returns the marks on some frames.
     pub(crate) fn within(&self, frames: &Range<usize>) -> Self {
         self.filtered(|mark| frames.contains(&mark.frame))

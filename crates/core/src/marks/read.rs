@@ -3,10 +3,11 @@
 use super::{Canvas, Mark, Marks, bad_mark, entry::MarkEntry, name_of};
 use crate::{
     Error, Result,
-    annotations::{self, Annotation},
+    annotations::{self, Annotation, References},
     dicom::is_dicom,
     grid::{Grid, Mask},
     reading::{opacity, picture, picture_size},
+    sequence::Sequence,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -25,8 +26,19 @@ impl Marks {
     /// # Errors
     /// A file that cannot be read, and the first mark that does not fit the recording; the message names it.
     pub fn read(path: &Path, canvas: &Canvas) -> Result<Self> {
+        Self::read_for(path, canvas, || None)
+    }
+
+    /// Reads a file of marks as [`Marks::read`] does. `recording` opens the recording if it is at hand. It is
+    /// asked for a DICOM segmentation, which refers to the files that the recording comes from.
+    pub fn read_for(
+        path: &Path,
+        canvas: &Canvas,
+        recording: impl FnOnce() -> Option<Sequence>,
+    ) -> Result<Self> {
         let found = if is_dicom(path) {
-            Self::of_annotations(annotations::read(path, canvas)?, canvas)?
+            let references = recording().map_or_else(|| Ok(References::new()), |r| references(&r, canvas))?;
+            Self::of_annotations(annotations::read_with(path, canvas, &references)?, canvas)?
         } else {
             let bytes = annotations::bytes_of(path)?;
             let folder = path.parent().unwrap_or(Path::new("."));
@@ -66,6 +78,17 @@ impl Marks {
         let lines = lines.map_err(|e| Error::input(format!("the marks cannot be written: {e}"), ""))?;
         Ok(format!("{{\"marks\": [\n{}\n]}}\n", lines.join(",\n")))
     }
+}
+
+/// Returns the DICOM files that the frames of a recording come from; empty if it comes from none, or is not
+/// the one that marks are made on.
+fn references(recording: &Sequence, canvas: &Canvas) -> Result<References> {
+    let own = recording.canvas();
+    let has_names = canvas.frame_names.is_empty() || canvas.frame_names == own.frame_names;
+    if own.num_frames != canvas.num_frames || !has_names {
+        return Ok(References::new());
+    }
+    Ok(recording.source_references()?.map(|sources| sources.by_file()).unwrap_or_default())
 }
 
 fn mark(i: usize, entry: &Value, folder: &Path, canvas: &Canvas) -> Result<Mark> {

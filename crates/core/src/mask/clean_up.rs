@@ -21,6 +21,8 @@ pub struct CleanUp {
     pub grow_px: i32,
 }
 
+/// Largest number of frames before and after that scores are smoothed over, in the window and in exports.
+pub const MAX_SMOOTH: usize = 5;
 /// Parts and holes below one in so many of a picture's pixels are no structure of their own.
 const PIXELS_PER_SPECK: usize = 1000;
 /// Number of rows of a picture for each pixel of the radius over which borders are rounded.

@@ -9,7 +9,7 @@ mod region;
 mod rle;
 
 pub use border::{BorderLine, border_lines};
-pub use clean_up::{CleanUp, mean_scores};
+pub use clean_up::{CleanUp, MAX_SMOOTH, mean_scores};
 pub use contour::{Corner, contours};
 pub use region::Region;
 pub use rle::{Runs, column_runs, compressed, decompressed};

@@ -178,6 +178,20 @@ impl<'v> Interpreter<'v> {
         misspelt.map(|classes| self.meaning(classes, MISSPELT, Reason::ClassName { spelled: true }))
     }
 
+    /// Returns the one class that words are a name of. Words for a kind of things, for several things, or with
+    /// a typing mistake are no names.
+    pub fn class_called(&self, words: &str) -> Option<usize> {
+        let meaning = self.by_words(words)?;
+        let is_name = matches!(
+            meaning.reason,
+            Reason::ClassName { spelled: false } | Reason::Listed { spelled: false, kind: false, .. }
+        );
+        match meaning.classes[..] {
+            [class] if is_name => Some(class),
+            _ => None,
+        }
+    }
+
     /// Tells what a prompt means from lists of words, and where these cannot tell from its embedding in the
     /// scene's template.
     pub fn by_encoder(&self, prompt: &str, embedding: &[f32], space: &Space<'_>) -> Meaning {

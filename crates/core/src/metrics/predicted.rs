@@ -458,7 +458,7 @@ mod tests {
         let scores = vec![scores; how.prompts.len()];
         // Dark and bright tissue, and black.
         let picture = image::RgbImage::from_fn(32, 24, |x, _| image::Rgb([8 * x as u8; 3]));
-        let mut export = Export::begin(folder.path(), vec![9], how, false).unwrap();
+        let mut export = Export::begin(folder.path(), vec![9], how).unwrap();
         export.write(&picture, &scores, None).unwrap();
         export.finish().unwrap();
         let liver = sequence.classes().iter().find(|c| c.name == "liver").unwrap();
@@ -504,7 +504,7 @@ mod tests {
         let mut how = plain_provenance();
         how.options.formats = vec![Format::Binary, Format::Index];
         let scores = vec![Grid::filled(32, 24, 0.9); how.prompts.len()];
-        let mut export = Export::begin(folder.path(), vec![9], how, false).unwrap();
+        let mut export = Export::begin(folder.path(), vec![9], how).unwrap();
         export.write(&image::RgbImage::new(32, 24), &scores, None).unwrap();
         export.finish().unwrap();
         let frames = |folder: &Path| PredictedMasks::open(folder, &sequence).unwrap().frames();

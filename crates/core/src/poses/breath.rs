@@ -21,6 +21,8 @@ const SHORTEST_STEPS: f64 = 8.0;
 const FEWEST_PERIODS: f64 = 1.8;
 const FEWEST_TRIED: f64 = 1.3;
 const TRACK_PERIODS: f64 = 1.2;
+/// Fewest observations of such a track: two for each of the functions that are fitted to it.
+const FEWEST_OBSERVATIONS: usize = 8;
 /// Ratio of one period that is tried to the one before.
 const NEXT: f64 = 1.03;
 /// Unexplained motion of a point, px, root mean square, from which it tells something.
@@ -125,9 +127,10 @@ fn period(tracks: &[Unexplained], times: &[f64]) -> Option<f64> {
 
 /// Tracks that show enough of a period.
 fn long(tracks: &[Unexplained], period: f64) -> impl Iterator<Item = &Unexplained> {
-    tracks
-        .iter()
-        .filter(move |track| track.times[track.times.len() - 1] - track.times[0] >= TRACK_PERIODS * period)
+    let lasts = |times: &[f64]| times[times.len() - 1] - times[0];
+    tracks.iter().filter(move |track| {
+        track.times.len() >= FEWEST_OBSERVATIONS && lasts(&track.times) >= TRACK_PERIODS * period
+    })
 }
 
 fn unexplained(builder: &Builder, focal_px: f64, times: &[f64]) -> Vec<Unexplained> {

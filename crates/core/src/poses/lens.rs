@@ -73,13 +73,18 @@ impl Lens {
     }
 
     pub(super) fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
-        let landmark = |track: &Track| Landmark {
-            position: None,
-            expected_depth: 1.0,
-            observations: track.iter().map(|(frame, at)| self.observation(*frame, *at)).collect(),
-        };
-        tracks.iter().map(landmark).collect()
+        landmarks(tracks, |_| *self)
     }
+}
+
+/// Returns the points of tracks, seen through the lens that each frame has.
+pub(super) fn landmarks(tracks: &[Track], lens_of: impl Fn(usize) -> Lens) -> Vec<Landmark> {
+    let landmark = |track: &Track| Landmark {
+        position: None,
+        expected_depth: 1.0,
+        observations: track.iter().map(|(frame, at)| lens_of(*frame).observation(*frame, *at)).collect(),
+    };
+    tracks.iter().map(landmark).collect()
 }
 
 /// Returns the factor from the focal length that is assumed of a recording to the likely one: the one that

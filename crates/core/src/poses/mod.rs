@@ -27,18 +27,20 @@ use crate::{
     progress::{Observer, Progress},
     sequence::{CameraSource, Sequence},
 };
-use adjust::Landmark;
+use adjust::{Landmark, Observation};
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
 use judge::{MIN_INLIER_GAIN, is_explained, moving_share, still_share, verdict};
 use lens::{Lens, likely_zoom};
 use patch::View;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use tracks::{Follower, Track};
 
 /// Longest side of what is in view in the pictures that are looked at, px; larger ones are halved.
 const LONGEST_SIDE: usize = 720;
+/// Most frames of a recording, or of a chapter, that points are followed through; a frame takes some 50 ms.
+const MOST_FRAMES: usize = 3000;
 /// Fewest frames of a track.
 const SHORTEST_TRACK: usize = 4;
 /// Number of points that the depth of a pixel is taken from.
@@ -91,6 +93,13 @@ pub enum Verdict {
     /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is
     /// longer than half of the recording.
     Lost(usize),
+    /// Too many frames are learned together: nothing was looked for.
+    TooLong {
+        /// Number of these frames.
+        frames: usize,
+        /// `true` if the poses are known, and depth would follow from them.
+        has_poses: bool,
+    },
 }
 
 impl Verdict {
@@ -129,6 +138,13 @@ impl Verdict {
             Self::Lost(frame) => Some(format!(
                 "The scope's path breaks off at frame {frame}, where nothing is seen that was seen before: {still}"
             )),
+            Self::TooLong { frames, has_poses } => {
+                let (what, so) = match has_poses {
+                    true => ("points are followed through", "depth is not known"),
+                    false => ("the scope's path is looked for in", still),
+                };
+                Some(format!("{frames} frames are learned together, and {what} {MOST_FRAMES} at most: {so}"))
+            }
         }
     }
 }
@@ -157,9 +173,9 @@ pub struct ScopePath {
     /// Median depth of what is seen, in units of known poses; `None` where it was not looked for, or nothing
     /// tells.
     pub typical_depth: Option<f32>,
-    /// Points of the surface in the world, each with the first and the last frame that saw it. To a camera of
+    /// Points of the surface in the world, each with the stretches of frames that saw it. To a camera of
     /// `swaying`, if there is one, they stand still.
-    pub points: Vec<(Vec3, [usize; 2])>,
+    pub points: Vec<(Vec3, Vec<RangeInclusive<usize>>)>,
 }
 
 impl ScopePath {
@@ -178,7 +194,7 @@ impl ScopePath {
 
     /// Returns the points that `camera` sees in frame `i`: their places in the picture, px, and their depths.
     pub(crate) fn seen(&self, camera: &Camera, i: usize) -> impl Iterator<Item = [f32; 3]> {
-        let seen = self.points.iter().filter(move |(_, [first, last])| (*first..=*last).contains(&i));
+        let seen = self.points.iter().filter(move |(_, frames)| frames.iter().any(|of| of.contains(&i)));
         seen.filter_map(|(p, _)| camera.project(*p).map(<[f32; 3]>::from))
     }
 
@@ -210,6 +226,14 @@ impl ScopePath {
 /// Returns `true` if nothing is known of where a recording's camera was, so that its path may be estimated.
 pub fn are_wanted(sequence: &Sequence) -> bool {
     sequence.camera_source() != CameraSource::Given && !sequence.camera_moves()
+}
+
+/// Returns the judgement on a recording of which too many frames are learned together for what would be
+/// looked for; `None` if it can be, or nothing would.
+pub(crate) fn too_long(sequence: &Sequence, frames: usize) -> Option<Verdict> {
+    let has_poses = can_triangulate(sequence);
+    let is_too_long = frames > MOST_FRAMES && (has_poses || are_wanted(sequence));
+    is_too_long.then_some(Verdict::TooLong { frames, has_poses })
 }
 
 /// Returns `true` if nothing is known of a recording's lens.
@@ -291,6 +315,7 @@ pub fn estimate(
         timeline.times.iter().map(|t| single(&pose_at(&known, *t))).collect()
     };
     let found = of_all_frames(&builder.poses);
+    path.zoom = zoom.map(|zoom| zoom as f32);
     let steadied = breath::steady(&builder, lens.focal_px(), &times);
     if steadied.as_ref().is_some_and(|steadied| steadied.is_still) {
         path.verdict = Verdict::Still;
@@ -304,7 +329,6 @@ pub fn estimate(
         period_frames: steadied.as_ref().map(|steadied| (steadied.period * num_frames) as f32),
         known,
     };
-    path.zoom = zoom.map(|zoom| zoom as f32);
     path.points = points(&builder, &lens, scale, &used);
     (path.poses, path.swaying) = match steadied {
         Some(steadied) => (of_all_frames(&steadied.poses), found),
@@ -351,7 +375,9 @@ pub(crate) fn triangulate_with_known_poses(
 ) -> Result<ScopePath> {
     let Followed { tracks, lens, used, .. } = Followed::new(sequence, timeline, observer)?;
     let pose = |&frame: &usize| double(&sequence.camera(frame).camera_from_world);
-    let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
+    // Known intrinsics may change, as those of a scope that zooms.
+    let landmarks = lens::landmarks(&tracks, |slot| Lens { camera: sequence.camera(used[slot]), ..lens });
+    let mut builder = Builder::new(used.len(), landmarks, lens.focal_px());
     let scale = builder.triangulate_all(used.iter().map(pose).collect());
     let is_explained = moving_share(&builder, &lens) >= MIN_INLIER_RATIO;
     let points = scale.filter(|_| is_explained).map(|scale| points(&builder, &lens, scale, &used));
@@ -521,11 +547,17 @@ fn median_depth(builder: &Builder) -> f64 {
 }
 
 /// Points that the path explains.
-fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Vec3, [usize; 2])> {
+fn points(
+    builder: &Builder,
+    lens: &Lens,
+    scale: f64,
+    used: &[usize],
+) -> Vec<(Vec3, Vec<RangeInclusive<usize>>)> {
     let point = |mark: &Landmark| {
         let position = mark.position.filter(|_| is_explained(mark, builder, lens))?;
-        let (first, last) = (mark.observations.first()?.frame, mark.observations.last()?.frame);
-        Some(((position * scale).as_vec3(), [used[first], used[last]]))
+        let runs = mark.observations.chunk_by(|a, b| b.frame <= a.frame + 1);
+        let stretch = |run: &[Observation]| Some(used[run.first()?.frame]..=used[run.last()?.frame]);
+        Some(((position * scale).as_vec3(), runs.filter_map(stretch).collect()))
     };
     builder.landmarks.iter().filter_map(point).collect()
 }

@@ -24,7 +24,7 @@ pub(super) const MANIFEST: &str = "prepared.json";
 pub(super) const REGIONS: &str = "regions";
 const CODEC: &str = "codec.safetensors";
 const FEATURES: &str = "features.safetensors";
-const WORDS: &str = "words.f16";
+pub(super) const WORDS: &str = "words.f16";
 /// Largest size of a manifest in bytes: that of some million frames.
 const MOST_MANIFEST: u64 = 1 << 28;
 const VERSION: u32 = 1;

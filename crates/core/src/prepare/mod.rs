@@ -45,10 +45,11 @@ pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::Codec,
+    hash::sha256,
     meaning::{Calibration, WordFacts},
     sequence::{Class, Identity, Sequence},
 };
-use files::{Manifest, region_file};
+use files::{Manifest, WORDS, has_region, region_file};
 use half::f16;
 use std::{
     collections::BTreeMap,
@@ -180,6 +181,23 @@ impl Prepared {
     /// Returns the number of rows of the feature table.
     pub fn num_rows(&self) -> usize {
         self.latents.len() / self.codec.latent_dim().max(1)
+    }
+
+    /// Returns the SHA-256, hexadecimal, over the files that training reads. Vectors of words are not among them.
+    pub(crate) fn digest(&self) -> String {
+        let files = self.sha256.iter().filter(|(name, _)| *name != WORDS);
+        let lines: String = files.map(|(name, sha256)| format!("{sha256} {name}\n")).collect();
+        sha256(lines.as_bytes())
+    }
+
+    /// Returns `true` if any pixel of these frames has a feature.
+    pub(crate) fn has_features(&self, frames: &[usize]) -> Result<bool> {
+        for &i in frames {
+            if self.regions(i)?.is_some_and(|map| has_region(&map)) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Returns the feature-table rows per pixel of frame `i`; `None` if that frame has none (or is held out).

@@ -28,7 +28,7 @@ const MOST_BYTES: usize = MAX_IMAGE_PIXELS * 8;
 pub struct Values {
     /// The numbers; in a picture with a palette they are indices into it.
     pub image: DynamicImage,
-    /// Colours of the palette, if the picture has one.
+    /// Colours of the palette, if the numbers are indices into one.
     pub palette: Option<Vec<[u8; 3]>>,
 }
 
@@ -65,8 +65,11 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
     let (mut image, palette, orientation) = match OpenPicture::open(path, transformations)? {
         OpenPicture::Png(reader) => {
             let orientation = png_orientation(&reader);
-            let palette = reader.info().palette.as_ref().map(|p| p.as_chunks::<3>().0.to_vec());
-            let palette = palette.filter(|_| transformations == Transformations::IDENTITY);
+            // A picture in true colour may suggest a palette for screens with few colours.
+            let is_index = reader.info().color_type == ColorType::Indexed;
+            let is_stored = is_index && transformations == Transformations::IDENTITY;
+            let palette = reader.info().palette.as_ref().filter(|_| is_stored);
+            let palette = palette.map(|p| p.as_chunks::<3>().0.to_vec());
             (png_image(reader).map_err(|e| unreadable(path, &e))?, palette, orientation)
         }
         OpenPicture::Jpeg(_, false) => return Err(unreadable(path, "the file is cut off")),
@@ -326,6 +329,15 @@ mod tests {
         assert_eq!(values(&path).unwrap().image.to_luma16().into_raw(), [258]);
         let (_folder, path) = saved(&encoded(ColorType::Indexed, BitDepth::Two, (2, 1), &[0b0110_0000], &[]));
         assert_eq!(picture(&path).unwrap().to_rgb8().into_raw(), [9, 8, 7, 1, 2, 3]);
+    }
+
+    #[test]
+    fn a_suggested_palette_is_none_of_the_numbers() {
+        let palette = [(*b"PLTE", vec![0, 0, 0, 9, 8, 7])];
+        let (_folder, path) =
+            saved(&encoded(ColorType::Rgb, BitDepth::Eight, (2, 1), &[1, 2, 3, 4, 5, 6], &palette));
+        let read = values(&path).unwrap();
+        assert_eq!((read.image.as_bytes(), read.palette), (&[1, 2, 3, 4, 5, 6][..], None));
     }
 
     /// Makes an EXIF block that contains only the orientation.

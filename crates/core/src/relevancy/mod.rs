@@ -74,8 +74,8 @@ impl RelevancySettings {
 
 /// A way to compute scores. Every rung gives the exact rung's values within its stated error.
 ///
-/// Scores are 0 in holes (alpha below `min_alpha`), at features that are not finite, and for a query that
-/// does not fit the codec (see [`Query::check`]).
+/// Scores are 0 in holes (alpha below `min_alpha`), at latents that are not finite or shorter than
+/// [`Points::MIN_LENGTH`], and for a query that does not fit the codec (see [`Query::check`]).
 pub trait Relevancy: Send {
     /// Name for reports: "exact", "folded", "lattice".
     fn name(&self) -> &'static str;

@@ -17,6 +17,9 @@ pub struct Points<'a> {
 impl<'a> Points<'a> {
     /// Smallest alpha of a point that is not a hole, for any settings: a division by less is unsafe.
     pub const MIN_ALPHA: f32 = 1e-6;
+    /// Smallest length of a latent that shows anything. Those of features have length 1. What learned no feature
+    /// has latents of length 0, which a decoder with biases would take for one.
+    pub const MIN_LENGTH: f32 = 0.05;
 
     /// Pixels of rendered images, whose latent is features / alpha.
     pub fn of_images(images: &'a Images, min_alpha: f32) -> Self {
@@ -76,11 +79,16 @@ impl<'a> Points<'a> {
         self.min_alpha.max(Self::MIN_ALPHA)
     }
 
-    /// Appends the latent of point `i` to `out` and returns `true`, unless it is in a hole or not finite.
+    /// Appends the latent of point `i` to `out` and returns `true`, unless it is in a hole, shorter than
+    /// [`Self::MIN_LENGTH`], or not finite.
     pub fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
         let alpha = self.alpha[i];
         // Also true for NaN.
         if !(alpha >= self.min_alpha()) {
+            return false;
+        }
+        let shortest = Self::MIN_LENGTH * alpha;
+        if self.planes.iter().map(|p| p[i] * p[i]).sum::<f32>() < shortest * shortest {
             return false;
         }
         let start = out.len();

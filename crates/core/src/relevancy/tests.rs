@@ -108,7 +108,8 @@ fn score_is_the_smallest_pairwise_softmax() {
     let images = rendered(codec, 24, 16, 0.05, 1);
     let q = query_for(2);
     let scores = Exact::new(codec.clone()).score(&images, std::slice::from_ref(&q), &settings);
-    for i in (6..24 * 16).filter(|i| i % 24 >= 6) {
+    let points = Points::of_images(&images, settings.min_alpha);
+    for i in (6..24 * 16).filter(|i| i % 24 >= 6 && points.push_latent(*i, &mut Vec::new())) {
         let alpha = images.plane(ALPHA_PLANE)[i];
         let latent = Array2::from_shape_fn((1, 3), |(_, k)| images.plane(FEATURE_PLANE + k)[i] / alpha);
         let feature = codec.decode(latent.view()).row(0).to_vec();
@@ -212,6 +213,20 @@ fn holes_and_broken_features_are_never_found() {
             rung.name(),
             &data[10..13]
         );
+    }
+}
+
+#[test]
+fn what_learned_no_feature_is_never_found() {
+    let class = WORLD.0.encode(WORLD.1.view()).row(0).to_vec();
+    let shortened = |share: f32| class.iter().map(move |v| share * Points::MIN_LENGTH * v);
+    let latents: Vec<f32> = [0.0, 0.9, 1.1].into_iter().flat_map(shortened).collect();
+    let queries: Vec<Query> = (0..CLASSES).map(query_for).collect();
+    for rung in &mut every_rung() {
+        let points = Points::of_latents(&latents, 3);
+        for scores in rung.score_points(&points, &queries, &RelevancySettings::default()) {
+            assert!(scores[..2] == [0.0; 2] && scores[2] > 0.0, "{}: {scores:?}", rung.name());
+        }
     }
 }
 
@@ -367,44 +382,6 @@ proptest! {
     }
 }
 
-#[test]
-#[ignore = "measures time and error; run it alone"]
-fn measure_rungs_on_a_full_frame() {
-    let (codec, _, _) = &*WORLD;
-    let settings = RelevancySettings::default();
-    let images = rendered(codec, 640, 512, 0.05, 9);
-    let queries = [query_for(2)];
-    let mut lattice = Lattice::new(codec).unwrap();
-    let timed = |rung: &mut dyn Relevancy, images: &Images, queries: &[Query]| {
-        let start = std::time::Instant::now();
-        let scores = rung.score(images, queries, &settings);
-        (start.elapsed().as_secs_f64() * 1e3, scores)
-    };
-    let (exact_ms, truth) = timed(&mut Exact::new(codec.clone()), &images, &queries);
-    let (folded_ms, folded) = timed(&mut Folded::new(codec.clone()), &images, &queries);
-    eprintln!(
-        "exact {exact_ms:.1} ms; folded {folded_ms:.1} ms, error {:.2e}",
-        largest_difference(&truth, &folded)
-    );
-    let (first_ms, looked_up) = timed(&mut lattice, &images, &queries);
-    eprintln!(
-        "lattice first {first_ms:.1} ms, error {:.5} (1/255 = 0.00392)",
-        largest_difference(&truth, &looked_up)
-    );
-    let best = (0..20).map(|_| timed(&mut lattice, &images, &queries).0).fold(f64::INFINITY, f64::min);
-    eprintln!("lattice warm {best:.2} ms; {:?}", lattice.report());
-    let next = [query_for(4)];
-    let (new_prompt_ms, found) = timed(&mut lattice, &images, &next);
-    let error = largest_difference(&Exact::new(codec.clone()).score(&images, &next, &settings), &found);
-    eprintln!("new prompt {new_prompt_ms:.1} ms, error {error:.5}; {:?}", lattice.report());
-    let frame = rendered(codec, 640, 512, 0.05, 10);
-    eprintln!(
-        "new frame {:.1} ms, then {:.2} ms",
-        timed(&mut lattice, &frame, &next).0,
-        timed(&mut lattice, &frame, &next).0
-    );
-}
-
 /// Scores of every rung for the same picture and query.
 fn of_every_rung(codec: &Codec, images: &Images, query: &Query) -> Vec<Vec<f32>> {
     let settings = RelevancySettings::default();
@@ -441,7 +418,8 @@ fn prompts_along_and_against_a_phrase_or_without_direction_score_what_the_formul
             assert!((exact[i] - lattice[i]).abs() < 1.0 / 255.0, "{name}: {} {}", exact[i], lattice[i]);
         }
     }
-    let seen = (0..images.width * images.height).filter(|&i| images.plane(ALPHA_PLANE)[i] >= 0.5);
+    let points = Points::of_images(&images, 0.5);
+    let seen = (0..images.width * images.height).filter(|i| points.push_latent(*i, &mut Vec::new()));
     for i in seen {
         assert!((exact_of(0, i) - 0.5).abs() < 1e-5 && (exact_of(4, i) - 0.5).abs() < 1e-6);
         // sigmoid(-10 n) for no prompt, sigmoid(-20 n) for the opposite of the phrase, sigmoid(10 n) for

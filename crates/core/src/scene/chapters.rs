@@ -33,6 +33,13 @@ pub struct Chapter {
     pub learned: Range<usize>,
 }
 
+impl Chapter {
+    /// Returns `true` if the chapter is of one shot with the one `before` it: nothing is learned across a cut.
+    pub(crate) fn goes_on_from(&self, before: &Self) -> bool {
+        before.learned.end > self.learned.start
+    }
+}
+
 /// Chapters of a scene; none if it is one whole.
 #[derive(Clone, Debug, Default)]
 pub struct Chapters {
@@ -215,6 +222,22 @@ impl Scene {
         self.shows(self.time(i))
     }
 
+    /// Returns the frames of the shot of frame `i`; all frames of a scene that is one whole. A frame that no
+    /// chapter shows is alone.
+    pub fn shot_of(&self, i: usize) -> Range<usize> {
+        let chapters: Vec<&Chapter> = self.chapters.iter().collect();
+        if chapters.is_empty() {
+            return 0..self.num_frames();
+        }
+        let Some(at) = chapters.iter().position(|chapter| chapter.shown.contains(&i)) else {
+            return i..i + 1;
+        };
+        let begins_shot = |k: &usize| !chapters[*k].goes_on_from(chapters[k - 1]);
+        let first = (1..=at).rev().find(begins_shot).unwrap_or(0);
+        let end = (at + 1..chapters.len()).find(begins_shot).unwrap_or(chapters.len());
+        chapters[first].shown.start..chapters[end - 1].shown.end
+    }
+
     /// Returns the runs of frames that no chapter shows, each by its first and last frame.
     pub fn frames_not_shown(&self) -> Vec<[usize; 2]> {
         self.chapters.gaps(self.num_frames()).into_iter().map(|gap| [gap.start, gap.end - 1]).collect()
@@ -256,6 +279,9 @@ impl Scene {
     /// # Errors
     /// There is no such chapter, or it cannot be read.
     pub fn chapter_alone(&self, index: usize) -> Result<Self> {
+        if self.chapters.is_empty() {
+            return Err(Error::input("the scene is one whole, without chapters", "Leave the chapter out."));
+        }
         let mut scene = self.of_chapter(index)?;
         let Some(shown) = scene.chapters.current().map(|chapter| chapter.shown.clone()) else {
             let there: Vec<String> = self.chapters.iter().map(|c| c.index.to_string()).collect();
@@ -383,18 +409,25 @@ impl Scene {
     /// # Errors
     /// The file is no scene of a chapter.
     pub fn load_chapter(path: &Path) -> Result<Self> {
+        Self::load_chapter_if_usable(path)?
+    }
+
+    /// Does the same as [`Scene::load_chapter`]; the inner error is of a file that is damaged, or of another
+    /// version.
+    pub fn load_chapter_if_usable(path: &Path) -> Result<Result<Self>> {
         let fail = |e| Error::io("read the scene file", path, e);
         let file = open_regular(path).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
         let part = Part::new(path, &Arc::new(Mutex::new(file)), [0, len]);
-        let scene = part.scene().map_err(|error| match Self::load(path) {
-            Ok(joined) if !joined.chapters.is_empty() => {
+        let mut scene = match part.scene() {
+            Ok(scene) => scene.as_chapter(),
+            Err(_) if Self::load(path).is_ok_and(|joined| !joined.chapters.is_empty()) => {
                 let what = "this scene is joined of chapters already";
-                Error::input_at(path, what, "Give the scenes of single chapters.")
+                return Err(Error::input_at(path, what, "Give the scenes of single chapters."));
             }
-            _ => error,
-        });
-        let mut scene = scene?.as_chapter();
+            Err(damaged @ Error::Input { .. }) => return Ok(Err(damaged)),
+            Err(error) => return Err(error),
+        };
         match scene.chapters.all.first_mut() {
             Some(place) => place.source = Source::File(part),
             None => {
@@ -402,7 +435,7 @@ impl Scene {
                 return Err(Error::input_at(path, what, "Give scenes that were trained with --chapter."));
             }
         }
-        Ok(scene)
+        Ok(Ok(scene))
     }
 
     /// Writes the scene file, in the compact form of [`Scene::to_quantized_bytes`] if asked for. One chapter at a
@@ -517,6 +550,30 @@ mod tests {
         assert_eq!(counts(&joined), COUNTS, "whatever the order");
         ordinary(3).save(&paths[0]).unwrap();
         assert!(Scene::load_chapter(&paths[0]).unwrap_err().to_string().contains("not one of a chapter"));
+        let bytes = std::fs::read(&paths[1]).unwrap();
+        std::fs::write(&paths[1], &bytes[..bytes.len() - 1]).unwrap();
+        assert!(Scene::load_chapter_if_usable(&paths[1]).unwrap().is_err(), "damaged");
+        assert!(Scene::load_chapter_if_usable(&folder.path().join("none")).is_err(), "it cannot be read");
+    }
+
+    #[test]
+    fn chapters_that_learn_from_each_other_are_one_shot() {
+        let part = |(index, learned): (usize, Range<usize>)| {
+            let mut scene = ordinary(3);
+            scene.cameras = vec![scene.cameras[0]; 12];
+            let chapter = Chapter { index, count: 4, shown: 3 * index..3 * index + 3, learned };
+            scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+            scene.as_chapter()
+        };
+        let joined = |parts: Vec<(usize, Range<usize>)>| {
+            let parts = parts.into_iter().map(part);
+            parts.fold(None, |earlier, part| Some(Scene::joined(earlier, part))).unwrap()
+        };
+        let scene = joined(vec![(0, 0..5), (1, 1..6), (2, 6..11), (3, 7..12)]);
+        assert_eq!([0, 5, 6, 11].map(|i| scene.shot_of(i)), [0..6, 0..6, 6..12, 6..12]);
+        let some = joined(vec![(0, 0..5), (3, 7..12)]);
+        assert_eq!([2, 4, 11].map(|i| some.shot_of(i)), [0..3, 4..5, 9..12]);
+        assert_eq!(ordinary(3).shot_of(0), 0..1);
     }
 
     #[test]
@@ -536,6 +593,8 @@ mod tests {
             );
         }
         assert!(scene.chapter_alone(2).unwrap_err().to_string().contains("there is no chapter 2"));
+        let whole = ordinary(3).chapter_alone(0).unwrap_err().to_string();
+        assert_eq!(whole, "the scene is one whole, without chapters. Leave the chapter out.");
     }
 
     #[test]

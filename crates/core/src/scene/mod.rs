@@ -88,6 +88,10 @@ pub struct Provenance {
     /// Identity of the recording; absent in older scenes, which know it by number and size of the frames.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
     pub identity: Option<Arc<Identity>>,
+    /// Hash of everything that the scene learned from besides the pictures, see
+    /// [`crate::train::supervision_digest`]; absent in older scenes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub supervision: Option<String>,
     /// Origin of the depth that the scene learned from; absent in older scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthOrigin>,

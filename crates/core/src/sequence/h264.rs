@@ -410,7 +410,9 @@ pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first:
 /// Names the setting that leaves out everything after frame `last`.
 fn use_until(path: &Path, last: usize) -> String {
     let name = read::file_name(path);
-    format!("`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder")
+    format!(
+        "`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder that holds nothing else"
+    )
 }
 
 #[cfg(test)]

@@ -136,6 +136,23 @@ impl Identity {
         self.hashed(|part| FileIdentity { sha256: None, ..part.clone() }.to_string())
     }
 
+    /// Returns the SHA-256, hexadecimal, over the content that opening a video or DICOM reads: that of a few
+    /// frames, or of a file whose frames have no bytes of their own. A complete identity has the same one.
+    /// `None` where that content is not known.
+    pub fn spots_digest(&self) -> Option<String> {
+        let mut bytes = 0;
+        let is_read = |frame: &&FileIdentity| {
+            bytes += frame.bytes;
+            frame.bytes > 0 && bytes <= MOST_SPOT_BYTES
+        };
+        let spots = spread(self.frames.len(), SPOTS).map(|spot| &self.frames[spot]);
+        let frames: Vec<FileIdentity> = spots.filter(is_read).cloned().collect();
+        let read = Self { frames, file: self.file.clone(), hidden: Vec::new() };
+        let mut parts = read.frames.iter().chain(&read.file).peekable();
+        let is_known = parts.peek().is_some() && parts.all(|part| part.sha256.is_some());
+        is_known.then(|| read.digest())
+    }
+
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {
         &self.hidden

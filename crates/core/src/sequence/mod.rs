@@ -43,6 +43,7 @@ mod recording;
 mod segmentation;
 mod settings;
 pub(crate) mod shots;
+mod supervision;
 #[cfg(test)]
 mod tests;
 mod times;

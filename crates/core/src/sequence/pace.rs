@@ -41,8 +41,9 @@ pub(super) struct Glance(Vec<u8>);
 impl Glance {
     pub(super) fn of(picture: &RgbImage) -> Self {
         let bytes = picture.as_raw();
-        // Odd, so that every colour and column has its turn.
-        let step = (bytes.len() / SAMPLES) | 1;
+        // Odd and no multiple of three, so that every colour and column has its turn.
+        let odd = (bytes.len() / SAMPLES) | 1;
+        let step = if odd.is_multiple_of(3) { odd + 2 } else { odd };
         Self(bytes.iter().step_by(step).copied().collect())
     }
 

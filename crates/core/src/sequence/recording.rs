@@ -60,6 +60,7 @@ pub(super) struct Selection {
 
 impl Selection {
     /// Everything.
+    #[cfg(test)]
     pub(super) const ALL: Self = Self { first: 0, last: None, every: 1 };
 
     /// Returns the numbers of the used frames among `n`. The error says what is wrong if there are none.

@@ -1,7 +1,6 @@
 //! DICOM segmentations as the labels of a recording.
 
 use super::{
-    SourceReferences,
     classes::{self, Class, ClassEntry},
     labels::LabelFiles,
     recording::Recording,
@@ -22,6 +21,11 @@ pub(super) fn add_labels(recording: &mut Recording, path: &Path) -> Result<()> {
         by_frame.entry(frame).or_default().push(i);
     }
     recording.classes = class_list(&file, path)?;
+    if file.has_unread_labels {
+        let note = "Names of segments are in a character set that is not read: convert the segmentation to \
+                    UTF-8, for instance by dcmconv +U8";
+        recording.notes.push(note.to_owned());
+    }
     for (frame, shown) in by_frame {
         recording.frames[frame].labels = Some(LabelFiles::Segmentation(file.clone(), shown));
     }
@@ -45,10 +49,6 @@ fn class_list(file: &Segmentation, path: &Path) -> Result<Vec<Class>> {
 
 /// Returns the DICOM files that the frames come from; empty for other recordings.
 fn references(recording: &Recording) -> Result<References> {
-    let references = recording.dicom.as_ref().map(|origin| origin.references()).transpose()?.flatten();
-    let of_frame = |(sources, i): (&SourceReferences, usize)| {
-        let source = sources.frames[i];
-        ((sources.instances[source.instance].instance_uid.clone(), source.number), i)
-    };
-    Ok(references.iter().flat_map(|r| (0..r.frames.len()).map(move |i| of_frame((r, i)))).collect())
+    let sources = recording.dicom.as_ref().map(|origin| origin.references()).transpose()?.flatten();
+    Ok(sources.map(|sources| sources.by_file()).unwrap_or_default())
 }

@@ -8,6 +8,7 @@ use super::{
     h264::{self, H264, cut_off, other_size},
     mp4::Mp4,
     recording::{FrameFiles, Picture, Recording, Selection},
+    settings::{Settings, own_file},
 };
 use crate::{Error, Result, reading::Pieces};
 use rayon::prelude::*;
@@ -34,7 +35,8 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
     open_part(path, selection, Decoders::default())
 }
 
-/// Opens the videos of a folder, in this order, as one recording.
+/// Opens the videos of a folder, in this order, as one recording. The settings of each say which of its
+/// frames are used.
 ///
 /// # Errors
 /// A file that cannot be read, or whose pictures have another size than those of the first.
@@ -44,7 +46,16 @@ pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selectio
     }
     let decoders = Decoders::default();
     let mut whole = Recording::new(folder, (0, 0), Vec::new());
-    let open = |file: &PathBuf| open_part(file, &Selection::ALL, decoders.clone());
+    let open = |file: &PathBuf| {
+        let settings = Settings::read(&own_file(file))?;
+        let selection = Selection { every: 1, ..settings.selection() };
+        let mut part = open_part(file, &selection, decoders.clone())?;
+        if settings != (Settings { frames: settings.frames.clone(), ..Settings::default() }) {
+            let note = "of the settings beside it [frames] alone counts here: sequence.toml in the folder has the others";
+            part.notes.push(note.to_owned());
+        }
+        Ok(part)
+    };
     let parts: Vec<_> = files.par_iter().map(open).collect();
     for (file, part) in files.iter().zip(parts) {
         whole.append(file, part?)?;
@@ -122,7 +133,9 @@ fn expect_video(path: &Path) -> Result<Container> {
     if head.get(4) == Some(&0x47) {
         return Ok(Container::Other);
     }
-    if head.get(4..8) == Some(b"ftyp") {
+    // Older QuickTime files begin with another box.
+    let boxes: [&[u8]; 6] = [b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"];
+    if head.get(4..8).is_some_and(|word| boxes.contains(&word)) {
         return Ok(Container::Mp4);
     }
     if starts.iter().any(|start| head.starts_with(start)) {

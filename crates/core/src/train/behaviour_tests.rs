@@ -139,6 +139,28 @@ fn a_checkpoint_of_something_else_is_refused() {
 }
 
 #[test]
+fn a_checkpoint_of_other_depth_masks_or_cameras_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let [recording, path] = ["recording", "x.unfinished"].map(|name| folder.path().join(name));
+    demo::write(&demo_settings(3), &recording, &mut unobserved).unwrap();
+    let toml = recording.join("sequence.toml");
+    let text = std::fs::read_to_string(&toml).unwrap();
+    let resume = || Trainer::resume(&Sequence::open(&recording).unwrap(), None, &path);
+    let mut trainer = Trainer::new(&Sequence::open(&recording).unwrap(), None, short(5)).unwrap();
+    trainer.save_checkpoint(&path).unwrap();
+    for (from, to) in [("scale = 0.005", "scale = 0.01"), ("\"white\"", "\"black\""), ("fx = ", "fx = 1")] {
+        let changed = text.replacen(from, to, 1);
+        assert_ne!(changed, text);
+        std::fs::write(&toml, changed).unwrap();
+        let message = resume().err().unwrap().to_string();
+        assert!(message.contains("begun with other cameras, depth, masks"), "{to}: {message}");
+    }
+    std::fs::write(&toml, text).unwrap();
+    let supervision = |trainer: &mut Trainer| trainer.scene().unwrap().provenance.supervision.unwrap();
+    assert_eq!(supervision(&mut resume().unwrap()), supervision(&mut trainer));
+}
+
+#[test]
 fn training_learns_the_clip_without_its_test_frames() {
     let clip = Clip::new(10);
     let mut trainer = clip.trainer(TrainSettings { guesses_held_out: false, ..short(300) });
@@ -184,6 +206,30 @@ fn lifted_features_are_what_the_pixels_show() {
     let right = seen.iter().filter(|&&i| nearest(i) == usize::from(truth.regions[i])).count();
     // Pixels across a border are mixed.
     assert!(right as f32 > 0.85 * seen.len() as f32, "{right} of {} pixels are right", seen.len());
+}
+
+#[test]
+fn a_chapter_without_features_has_none_although_other_frames_have_some() {
+    let clip = Clip::new(20);
+    let manifest = clip.prepared.folder.join("prepared.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&manifest).unwrap()).unwrap();
+    json["region_frames"] = serde_json::json!([0, 2, 3]);
+    std::fs::write(&manifest, json.to_string()).unwrap();
+    let prepared = Prepared::open(&clip.prepared.folder).unwrap();
+    let longest_latent = |index: usize| {
+        let range = 10 * index..10 * index + 10;
+        let chapter = Chapter { index, count: 2, shown: range.clone(), learned: range };
+        let sequence = &prepared.sequence;
+        let (prepared, chapter, mut plan) = (Some(&prepared), Some(&chapter), Plan::default());
+        let trainer = Trainer::planned(sequence, prepared, short(30), &mut plan, chapter, &mut unobserved);
+        let mut trainer = trainer.unwrap();
+        run(&mut trainer, 30);
+        let images = trainer.render(10 * index + 5).unwrap();
+        let planes = (0..images.latent_dim()).map(|k| images.plane(crate::raster::FEATURE_PLANE + k));
+        planes.flatten().fold(0.0_f32, |longest, v| longest.max(v.abs()))
+    };
+    assert!(longest_latent(0) > 0.05);
+    assert_eq!(longest_latent(1), 0.0);
 }
 
 #[test]

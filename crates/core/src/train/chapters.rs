@@ -74,10 +74,12 @@ impl Plan {
                 seen.push(chapter);
             }
         }
+        if matches!(&seen[..], [only] if only.shown == (0..n)) {
+            seen.clear();
+        }
         let count = seen.len();
         let numbered = |(index, chapter)| Chapter { index, count, ..chapter };
-        let chapters: Vec<Chapter> = seen.into_iter().enumerate().map(numbered).collect();
-        let chapters = if chapters.len() > 1 { chapters } else { Vec::new() };
+        let chapters = seen.into_iter().enumerate().map(numbered).collect();
         Ok(Self { times, chapters, ..Self::default() })
     }
 
@@ -119,7 +121,7 @@ impl Plan {
     /// Returns the places of the chapters of one shot with `chapter`: those that learn from frames of their
     /// neighbours.
     fn shot(&self, chapter: &Chapter) -> Range<usize> {
-        let is_joined = |k: usize| self.chapters[k - 1].learned.end > self.chapters[k].learned.start;
+        let is_joined = |k: usize| self.chapters[k].goes_on_from(&self.chapters[k - 1]);
         let at = self.chapters.iter().position(|other| other == chapter).unwrap_or(0);
         let start = (1..=at).rev().find(|k| !is_joined(*k)).unwrap_or(0);
         let end = (at + 1..self.chapters.len()).find(|k| !is_joined(*k)).unwrap_or(self.chapters.len());
@@ -194,6 +196,26 @@ fn chapters(n: usize, longest: usize, mut ends: Vec<usize>, times: &[f32]) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        demo::{self, DemoSettings},
+        progress::unobserved,
+    };
+
+    #[test]
+    fn the_only_chapter_that_is_left_is_one_unless_it_is_the_whole_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        let small = DemoSettings { width: 48, height: 32, frames: 40, ..DemoSettings::default() };
+        demo::write(&small, folder.path(), &mut unobserved).unwrap();
+        let sequence = Sequence::open(folder.path()).unwrap();
+        let plan = |chapter_frames: usize, excluded: Vec<(usize, usize)>| {
+            let settings =
+                TrainSettings { chapter_frames, excluded, finds_repeats: false, ..Default::default() };
+            Plan::of(&sequence, None, &settings, &mut unobserved).unwrap().chapters
+        };
+        let left = Chapter { index: 0, count: 1, shown: 32..40, learned: 32..40 };
+        assert_eq!(plan(8, vec![(0, 31)]), [left]);
+        assert!(plan(96, vec![(0, 31)]).is_empty() && plan(96, Vec::new()).is_empty());
+    }
 
     #[test]
     fn chapters_follow_each_other_and_learn_from_their_neighbours() {

@@ -5,6 +5,7 @@ use super::{settings::TrainSettings, state::TrainState};
 use crate::{
     Error, Result,
     files::write_whole_with,
+    hash::sha256,
     prepare::Prepared,
     reading::{MOST_BYTES, read_regular},
     sequence::{Identity, Sequence},
@@ -18,7 +19,7 @@ use std::{
 
 /// First bytes of a checkpoint; the last byte is the version of the layout. The SHA-256 of the rest of
 /// the file follows.
-const MAGIC: &[u8; 16] = b"SurgTPGS train A";
+const MAGIC: &[u8; 16] = b"SurgTPGS train B";
 const SUM_BYTES: usize = 32;
 
 /// Material that a checkpoint belongs to.
@@ -27,19 +28,22 @@ struct TrainedOn {
     frames: usize,
     width: usize,
     height: usize,
-    /// Table of the features; empty without features.
-    latents: Vec<f32>,
+    /// Hash of what is learned from besides the pictures, see [`supervision_digest`].
+    supervision: String,
 }
 
 impl TrainedOn {
-    fn of(sequence: &Sequence, prepared: Option<&Prepared>) -> Self {
-        Self {
-            frames: sequence.num_frames(),
-            width: sequence.width(),
-            height: sequence.height(),
-            latents: prepared.map(|p| p.latents.clone()).unwrap_or_default(),
-        }
+    fn new(sequence: &Sequence, supervision: String) -> Self {
+        let [frames, width, height] = [sequence.num_frames(), sequence.width(), sequence.height()];
+        Self { frames, width, height, supervision }
     }
+}
+
+/// Returns the SHA-256, hexadecimal, over everything that a training learns from besides the pictures:
+/// cameras, the meaning of depth and masks, and features. Poses and lenses that were estimated do not count.
+pub fn supervision_digest(sequence: &Sequence, prepared: Option<&Prepared>) -> String {
+    let features = prepared.map(Prepared::digest).unwrap_or_default();
+    sha256(format!("{} {features}", sequence.supervision_digest()).as_bytes())
 }
 
 /// Contents of a checkpoint; `T` and `S` are settings and state, or borrow them.
@@ -61,13 +65,12 @@ pub fn is_checkpoint(path: &Path) -> bool {
 /// Writes a checkpoint completely or not at all.
 pub(super) fn write(
     path: &Path,
-    sequence: &Sequence,
-    prepared: Option<&Prepared>,
+    (sequence, supervision): (&Sequence, &str),
     identity: &Identity,
     settings: &TrainSettings,
     state: &TrainState,
 ) -> Result<()> {
-    let checkpoint = Checkpoint { source: TrainedOn::of(sequence, prepared), settings, state };
+    let checkpoint = Checkpoint { source: TrainedOn::new(sequence, supervision.to_owned()), settings, state };
     write_whole_with(path, |file| {
         let mut body = Summed { file: BufWriter::new(file), sum: Sha256::new() };
         // The checksum is only known at the end and is then written here.
@@ -117,10 +120,10 @@ pub(super) fn read(
         Err(unusable) => return Ok(Err(unusable)),
     };
     identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
-    if checkpoint.source != TrainedOn::of(sequence, prepared) {
+    if checkpoint.source != TrainedOn::new(sequence, supervision_digest(sequence, prepared)) {
         return Err(Error::input_at(
             path,
-            "the unfinished training belongs to another recording, or the recording was prepared anew",
+            "the unfinished training was begun with other cameras, depth, masks or features than these",
             AGAIN,
         ));
     }

@@ -9,7 +9,10 @@ use crate::{
     deform::deform,
     marks::{Carried, CarrySettings, Graph},
     prepare::{NO_REGION, Prepared},
-    raster::{FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all},
+    raster::{
+        FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all,
+        render_frame,
+    },
     scene::Scene,
 };
 use std::{collections::BTreeMap, sync::Arc};
@@ -81,8 +84,14 @@ impl Trainer {
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();
-        for i in self.applied.frames(self.sequence.num_frames()) {
-            let found = carried.on_frame(&scene, i, &mut |i| self.sequence.frame(i))?;
+        let frames = self.applied.frames(self.sequence.num_frames());
+        // Marks go from frame to frame, also through those that may not be seen.
+        let mut picture = |i: usize| match frames.binary_search(&i) {
+            Ok(_) => self.sequence.frame(i),
+            Err(_) => Ok(render_frame(&scene, i).to_rgb()),
+        };
+        for &i in &frames {
+            let found = carried.on_frame(&scene, i, &mut picture)?;
             let row = |pixel: usize| {
                 let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);
                 likeliest.map_or(NO_REGION, |k| rows[k])
@@ -112,4 +121,63 @@ fn wanted_planes(truth: &super::Truth<'_>, dim: usize) -> Vec<f32> {
         }
     }
     planes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        codec::CodecSettings,
+        demo::{self, DemoSettings},
+        marks::{Mark, Marks, Shape},
+        prepare::{EncoderIdentity, MarkedNames, prepare_from_marks},
+        progress::unobserved,
+        sequence::Sequence,
+        train::TrainSettings,
+    };
+    use std::path::Path;
+
+    const DIM: usize = 8;
+    const STEPS: usize = 20;
+
+    /// Prepares a recording from marks on its first frame, trains on it, and returns the lifted features.
+    fn lifted(recording: &Path, folder: &Path) -> Vec<f32> {
+        let sequence = Sequence::open(recording).unwrap();
+        let shape = |x: f32| Shape::Box { corners_px: [[x, 10.0], [x + 20.0, 36.0]] };
+        let marks = [("liver", 6.0), ("fat", 36.0)].map(|(name, x)| Mark::new(0, name, true, shape(x)));
+        let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
+        let row = |k: usize| (0..DIM).map(|j| f32::from(u8::from(j == k))).collect();
+        let embeddings: Vec<Vec<f32>> = (0..2).map(row).collect();
+        let encoder = EncoderIdentity {
+            name: "made up".into(),
+            sha256: "00".into(),
+            dim: DIM,
+            template: "{}".into(),
+            folder: None,
+        };
+        let named = MarkedNames { marks: &marks, encoder, embeddings: &embeddings };
+        let codec = CodecSettings { steps: 60, ..CodecSettings::default() };
+        let prepared = prepare_from_marks(sequence, named, true, &codec, folder, &mut unobserved).unwrap();
+        let settings = TrainSettings { iterations: STEPS, ..TrainSettings::default() };
+        let mut trainer = Trainer::new(&prepared.sequence, Some(&prepared), settings).unwrap();
+        for _ in 0..STEPS {
+            trainer.step().unwrap();
+        }
+        trainer.state.model.gaussians.features.clone()
+    }
+
+    #[test]
+    fn marks_are_carried_without_a_look_at_held_out_frames() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("recording");
+        let small = DemoSettings { width: 64, height: 48, frames: 12, ..DemoSettings::default() };
+        demo::write(&small, &recording, &mut unobserved).unwrap();
+        let before = lifted(&recording, &folder.path().join("before"));
+        assert!(before.iter().any(|f| *f != 0.0));
+        for i in [1, 9] {
+            let path = recording.join(format!("images/frame_{i:06}.png"));
+            image::imageops::flip_vertical(&image::open(&path).unwrap().to_rgb8()).save(&path).unwrap();
+        }
+        assert!(lifted(&recording, &folder.path().join("after")) == before);
+    }
 }

@@ -27,7 +27,7 @@ pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
 pub use backend::{Context, StepOutcome, StepPlan, StepView, TrainBackend};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
 pub use chapters::Plan;
-pub use checkpoint::is_checkpoint;
+pub use checkpoint::{is_checkpoint, supervision_digest};
 pub use cpu::CpuBackend;
 pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
 pub use fit_camera::fit_camera;
@@ -94,6 +94,8 @@ pub struct Trainer {
     sequence: Sequence,
     prepared: Option<Prepared>,
     identity: Arc<Identity>,
+    /// Hash of what is learned from besides the pictures.
+    supervision: String,
     cache: FrameCache,
     state: TrainState,
     started: std::time::Instant,
@@ -156,8 +158,8 @@ impl Trainer {
         self.finish()?;
         self.state.seconds = self.seconds();
         self.started = std::time::Instant::now();
-        let (prepared, identity) = (self.prepared.as_ref(), &self.identity);
-        checkpoint::write(path, &self.sequence, prepared, identity, &self.settings, &self.state)
+        let identity = &self.identity;
+        checkpoint::write(path, (&self.sequence, &self.supervision), identity, &self.settings, &self.state)
     }
 
     fn with_state(
@@ -178,6 +180,7 @@ impl Trainer {
         };
         Self {
             identity,
+            supervision: supervision_digest(sequence, prepared),
             cache: FrameCache::new(sequence, guesses, applied.frame_cache_bytes),
             sequence: state.posed(sequence),
             prepared: prepared.cloned(),
@@ -332,7 +335,7 @@ impl Trainer {
         let half = progress < self.applied.half_size_share && camera.width > 1 && camera.height > 1;
         let mut sampling = Sampling { step: self.applied.pixel_step.max(1), ..Sampling::ALL };
         if half {
-            camera = camera.resized(camera.width / 2, camera.height / 2);
+            camera = camera.halved();
             sampling.step = self.applied.half_size_pixel_step.max(1);
         }
         let pixels = (camera.width * camera.height) as usize;
@@ -426,6 +429,7 @@ impl Trainer {
                 sequence_name: self.sequence.name(),
                 sequence_path: files::full_path(self.sequence.path()),
                 identity: Some(self.identity.clone()),
+                supervision: Some(self.supervision.clone()),
                 depth: Some(self.sequence.depth_origin()),
                 path_depths: self.state.path_depths.clone(),
                 held_out: self.applied.eval && (0..self.sequence.num_frames()).any(Sequence::is_test_frame),

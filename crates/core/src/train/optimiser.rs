@@ -89,7 +89,7 @@ impl Optimiser {
         let update = self.rest.next_update(1.0, 1.0);
         step_rest(update, &mut self.rest, gaussians, g, deformation.stride, &rates.rest);
         g.fold_gate(deformation, gaussians.latent_dim);
-        self.sh_rest.step(&mut gaussians.sh_rest, &g.sh_rest, r.sh_rest);
+        self.sh_rest.step(&mut gaussians.sh_rest, &g.sh_rest, rates.sh_rest);
         self.features.step(&mut gaussians.features, &g.features, r.feature);
         let (g_weight, g_bias) = g.net.split_at(deformation.feature_weight.len());
         if settings.feature_motion {
@@ -234,6 +234,8 @@ pub struct Rates {
     pub decay: f32,
     /// Rates of the parameters at rest, in the order of ψ's channels, then opacity.
     pub rest: [f32; WIDTH],
+    /// Rate of the higher colour bands.
+    pub sh_rest: f32,
     /// Rates of the deformation channels before decay, [stride]; 0 for those that the settings keep still.
     pub channels: Vec<f32>,
 }
@@ -256,6 +258,7 @@ impl Rates {
         Self {
             decay,
             rest: rest_rates(settings, length * decay, cooldown),
+            sh_rest: settings.rates.sh_rest * cooldown,
             channels: channel_rates(settings, stride, latent_dim, length),
         }
     }

@@ -87,6 +87,16 @@ fn the_search_for_the_path_says_how_far_it_is_and_can_be_stopped() {
 }
 
 #[test]
+fn too_many_frames_for_the_search_of_a_path_are_told() {
+    let (with_poses, folder) = demo();
+    let pictures = Sequence::open(&folder.path().join("images")).unwrap();
+    assert_eq!(crate::poses::too_long(&pictures, 3000), None);
+    assert_eq!(crate::poses::too_long(&with_poses, 3001), None, "poses and depth are known");
+    let told = crate::poses::too_long(&pictures, 3001).and_then(|verdict| verdict.note()).unwrap();
+    assert!(told.contains("3001") && told.contains("taken to stand still"), "{told}");
+}
+
+#[test]
 fn chapters_of_a_shot_have_one_lens_that_is_looked_for_once() {
     let folder = tempfile::tempdir().unwrap();
     let moving = DemoSettings { moving_camera: true, rigid: true, wanders: true, ..DemoSettings::default() };

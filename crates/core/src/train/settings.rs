@@ -316,6 +316,16 @@ impl TrainSettings {
         self
     }
 
+    /// Learns known poses with the Gaussians, too: at the default rate if the profile leaves poses as they are.
+    #[must_use]
+    pub fn refining_poses(mut self) -> Self {
+        self.refines_poses = true;
+        if self.rates.pose == 0.0 {
+            self.rates.pose = Self::default().rates.pose;
+        }
+        self
+    }
+
     /// Frames that are learned from, whether they may be seen or not.
     pub(super) fn window(&self, num_frames: usize) -> Range<usize> {
         self.chapter.as_ref().map_or(0..num_frames, |chapter| within(&chapter.learned, num_frames))
@@ -505,6 +515,15 @@ mod tests {
         let rates = LearningRates { cooldown: 0.25, ..TrainSettings::default().rates };
         assert_eq!([0.0, 0.75, 0.875, 1.0].map(|progress| rates.cooldown_at(progress)), [1.0, 1.0, 0.5, 0.0]);
         assert_eq!(TrainSettings::of(Profile::Paper).rates.cooldown_at(1.0), 1.0);
+    }
+
+    #[test]
+    fn poses_are_refined_at_some_rate_in_every_profile() {
+        let rate = |profile| TrainSettings::of(profile).refining_poses().rates.pose;
+        assert_eq!([Profile::Default, Profile::Paper].map(rate), [TrainSettings::default().rates.pose; 2]);
+        let mut faster = TrainSettings::default();
+        faster.rates.pose = 0.3;
+        assert_eq!(faster.refining_poses().rates.pose, 0.3);
     }
 
     #[test]

@@ -29,9 +29,6 @@ const DEFAULT_DEPTH: f32 = 100.0;
 /// Number of frames that the first Gaussians are taken from.
 const SEED_FRAMES: usize = 8;
 
-/// Largest number of frames for which the camera's path is estimated; a frame takes some 50 ms.
-const MOST_POSED_FRAMES: usize = 3000;
-
 /// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct TrainState {
@@ -110,8 +107,15 @@ impl TrainState {
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
         // PyTorch's initial range for a layer of D + 1 inputs.
         let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
-        // With lifted features the network starts at zero, because it would disturb them.
-        if settings.feature_motion && settings.feature_mode == FeatureMode::Learned {
+        let learns_features = match prepared {
+            Some(prepared) if settings.feature_mode == FeatureMode::Learned && settings.feature_motion => {
+                prepared.has_features(&settings.frames(sequence.num_frames()))?
+            }
+            _ => false,
+        };
+        // With lifted features the network starts at zero, because it would disturb them. So it does where no
+        // feature is learned: what it adds would be taken for one.
+        if learns_features {
             let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
             net.for_each(|v| *v = rng.random_range(-bound..bound));
         }
@@ -198,10 +202,12 @@ fn path(
     settings: &TrainSettings,
     observer: &mut Observer<'_>,
 ) -> Result<ScopePath> {
-    let frames = settings.frames(sequence.num_frames());
-    let is_long = frames.len() > MOST_POSED_FRAMES;
-    if !settings.finds_path || is_long {
+    if !settings.finds_path {
         return Ok(ScopePath::default());
+    }
+    let frames = settings.frames(sequence.num_frames());
+    if let Some(verdict) = poses::too_long(sequence, frames.len()) {
+        return Ok(ScopePath { verdict, ..ScopePath::default() });
     }
     let own = sequence.times();
     let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };

@@ -6,7 +6,7 @@ use super::{
     chain::{self, FrameState, Gradients},
     frames::TrainFrame,
     loss,
-    optimiser::own_basis_gradients,
+    optimiser::{Optimiser, own_basis_gradients},
     settings::{Profile, TrainSettings},
 };
 use crate::{
@@ -317,6 +317,19 @@ fn the_released_schedule_has_the_published_values() {
     assert!((sum - 1.345).abs() < 2e-3, "{sum}");
     let densified: Vec<usize> = (1..=3000).filter(|step| paper.densifies_at(*step)).collect();
     assert_eq!((densified[0], densified[1], densified.len()), (600, 700, 25));
+}
+
+#[test]
+fn at_the_end_everything_but_features_is_at_rest() {
+    let fixture = fixture(Variant::Splines);
+    let (mut gaussians, mut deformation) = (fixture.gaussians.clone(), fixture.deformation.clone());
+    let mut optimiser = Optimiser::new(&gaussians, &deformation);
+    let (settings, now) = (TrainSettings::default(), (TIME, 1.0, 0.05));
+    optimiser.step(&mut gaussians, &mut deformation, &mut fixture.gradients(), &settings, now);
+    assert!(deformation.weights == fixture.deformation.weights);
+    assert!(gaussians.features != fixture.gaussians.features);
+    gaussians.features.clone_from(&fixture.gaussians.features);
+    assert!(gaussians == fixture.gaussians);
 }
 
 #[test]

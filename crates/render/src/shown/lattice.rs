@@ -20,6 +20,7 @@ shader! {
     const LATTICE_EXTENT = Lattice::EXTENT;
     const LATTICE_FINE = Lattice::FINE as f32;
     const LATTICE_FINE_PER_UNIT = Lattice::FINE_PER_UNIT;
+    const MIN_LATENT_LENGTH = Points::MIN_LENGTH;
     var<uniform> params: LatticeParams;
     /// Planes in the layout of the raster pass, with three features.
     var<read> planes: [f32];

@@ -97,6 +97,19 @@ fn every_pass_after_the_raster_equals_its_twin() {
 }
 
 #[test]
+fn what_learned_no_feature_is_never_found() {
+    let Some(mut stage) = Stage::new() else { return };
+    stage.scene.gaussians.features.fill(0.0);
+    let deformation = &mut *stage.scene.deformation;
+    deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias).for_each(|v| *v = 0.0);
+    // The second time, the tables hold all cells that were needed.
+    for _ in 0..2 {
+        let shown = stage.show(0.4, None);
+        assert!(shown.scores.iter().all(|scores| scores.data.iter().all(|s| *s == 0.0)));
+    }
+}
+
+#[test]
 fn a_repeated_prompt_and_one_that_means_nothing_have_their_own_scores() {
     let Some(mut stage) = Stage::new() else { return };
     let [first, other] = [stage.queries[0].clone(), stage.queries[1].clone()];

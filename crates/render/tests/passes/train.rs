@@ -18,8 +18,8 @@ use surgtpgs_core::{
         project::{Sampling, project_into},
     },
     train::{
-        Context, FrameState, Gradients, LossWeights, Model, StepPlan, StepView, TrainBackend, TrainFrame,
-        TrainSettings, chain_backward, loss,
+        Context, FrameState, Gradients, LearningRates, LossWeights, Model, StepPlan, StepView, TrainBackend,
+        TrainFrame, TrainSettings, chain_backward, loss,
     },
 };
 use surgtpgs_render::{GpuBackend, StepTrace};
@@ -44,6 +44,7 @@ impl Step {
         let settings = TrainSettings {
             loss: LossWeights { min_region_px: 40, region_smoothness: 0.3, total_variation: 0.2, ..weights },
             sh_every: 100,
+            rates: LearningRates { cooldown: 0.8, ..TrainSettings::default().rates },
             ..TrainSettings::default()
         };
         let camera = moved_camera(WIDTH as u32, HEIGHT as u32);

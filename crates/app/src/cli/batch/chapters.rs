@@ -16,7 +16,11 @@ use crate::{
     },
     jobs,
 };
+use std::time::Duration;
 use surgtpgs_core::{Error, Result};
+
+/// Time for which a chapter waits for the others, which hold the lock of the step only to look at its record.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Returns the number of chapters in which a job's recording is trained; 0 if it is trained as a whole.
 pub(super) fn count(job: &mut BatchJob) -> Result<usize> {
@@ -31,7 +35,7 @@ pub(super) fn train(job: &mut BatchJob, index: usize, label: &str) -> Result<()>
     let task = &mut tasks[at];
     {
         // All chapters share the record of the step, and what is left of other settings goes once.
-        let _lock = lock(&folder, Step::Train.name())?;
+        let _lock = lock(&folder, Step::Train.name(), PATIENCE)?;
         match record::status(&folder, task, &fingerprint)? {
             Status::Done(_) => {
                 say(&format!("{label}: train is done"));
@@ -45,7 +49,7 @@ pub(super) fn train(job: &mut BatchJob, index: usize, label: &str) -> Result<()>
             }
         }
     }
-    let _lock = lock(&folder, &format!("chapter-{index}"))?;
+    let _lock = lock(&folder, &format!("chapter-{index}"), Duration::ZERO)?;
     let scene = task.output.clone();
     let args = args(task)?;
     args.take_chapter(index, &scene);

@@ -24,7 +24,10 @@ use clap::Args;
 use plan::{BatchJob, BatchPlan, Task};
 use record::Status;
 use report::Troubles;
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 use steps::Step;
 use surgtpgs_core::{
     Error, Result,
@@ -190,7 +193,7 @@ fn run_job(job: &mut BatchJob, steps: &[Step], label: &str) -> Result<bool> {
         if !steps.contains(&task.step) {
             continue;
         }
-        let _lock = lock(folder, name)?;
+        let _lock = lock(folder, name, Duration::ZERO)?;
         require_needed(folder, before, &fingerprints, task.step)?;
         let status = record::status(folder, task, fingerprint)?;
         if matches!(status, Status::Done(_)) {
@@ -222,11 +225,12 @@ fn require_needed(folder: &Path, before: &[Task], fingerprints: &[String], step:
     Ok(())
 }
 
-/// Locks the work called `name` on a recording against other batches until the returned file is dropped.
-fn lock(folder: &Path, name: &str) -> Result<Lock> {
+/// Locks the work called `name` on a recording against other batches until the returned lock is dropped. If
+/// another one holds it, waits for that as long as `patience`.
+fn lock(folder: &Path, name: &str, patience: Duration) -> Result<Lock> {
     let steps = folder.join("steps");
     std::fs::create_dir_all(&steps).map_err(|e| Error::io("reserve the folder", &steps, e))?;
-    Lock::acquire(steps.join(format!("{name}.lock")), folder)
+    Lock::acquire_within(patience, &steps.join(format!("{name}.lock")), folder)
 }
 
 /// A step in the output of `--dry-run --json`; the keys are a contract.

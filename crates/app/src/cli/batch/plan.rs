@@ -204,7 +204,7 @@ impl BatchJob {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
             }
-            let StepLine { verb, .. } = StepLine::try_parse_from(&command).map_err(|e| in_short(&e))?;
+            let StepLine { verb } = StepLine::try_parse_from(&command).map_err(|e| in_short(&e))?;
             self.tasks.push(Task { step, command, verb, inputs, output });
         }
         Ok(())
@@ -445,6 +445,7 @@ mod tests {
             ),
             (&format!("[defaults]\npath = \"a\"\n{a}"), "unknown key \"path\""),
             (&format!("{a}force = true\n"), "unknown key \"force\""),
+            (&format!("{a}execution_provider = \"cuda\"\n"), "unknown key \"execution_provider\""),
             (
                 &format!("{a}prompt = \"liver\"\nprompts = [\"fat\"]\n"),
                 "\"prompt\" is given by two of its names",

@@ -1,8 +1,6 @@
 //! Steps of the work on a recording: verbs of the program, in their order.
 
-use crate::cli::{
-    args::CommonArgs, eval::EvalArgs, export::ExportArgs, prepare::PrepareArgs, train::TrainArgs,
-};
+use crate::cli::{eval::EvalArgs, export::ExportArgs, prepare::PrepareArgs, train::TrainArgs};
 use clap::{Parser, Subcommand, ValueEnum};
 
 /// Step of the work on a recording; the steps follow one another.
@@ -45,15 +43,13 @@ impl Step {
     }
 }
 
-/// Command line of a step, as a user would type it.
+/// Command line of a step, as a user would type it, without options of every verb: a batch has one device for
+/// all its models.
 #[derive(Parser)]
 #[command(name = "surgtpgs", disable_help_subcommand = true)]
 pub(super) struct StepLine {
     #[command(subcommand)]
     pub(super) verb: StepVerb,
-    /// Ignored: a batch has one device for all its models.
-    #[command(flatten)]
-    _common: CommonArgs,
 }
 
 /// Verb of a step, with its arguments.

@@ -190,7 +190,7 @@ fn rendering_rows(engine: &mut Engine, scene: &Arc<Scene>, cameras: &[(f32, Came
 fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Timing> {
     let name = format!("{}, through the engine", engine.renderer_name());
     let ms = time(cameras, ROUNDS, |(t, camera)| {
-        let view = SceneView { time: *t, camera: *camera, recorded: true };
+        let view = SceneView { time: *t, camera: *camera, recorded: Some(0) };
         engine.render(&view, true)?;
         let before = engine.clock().clone();
         engine.render(&view, true)?;

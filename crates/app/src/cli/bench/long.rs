@@ -144,7 +144,7 @@ impl BenchLongArgs {
         let report = evaluate(&mut engine, Extras::default(), &mut |p| view.show(p))?.report;
         let chapters = scene.chapters.iter().len();
         let seams: Vec<usize> = scene.chapters.iter().skip(1).map(|chapter| chapter.shown.start).collect();
-        let others: Vec<usize> = seams.iter().map(|seam| seam - ELSEWHERE).collect();
+        let others = elsewhere(&seams);
         Ok(Outcome {
             frames,
             chapters: chapters.max(1),
@@ -161,6 +161,11 @@ impl BenchLongArgs {
             turn_ms: turn_ms(&scene)?,
         })
     }
+}
+
+/// Returns the frames that are compared with those at seams; none where there is no frame before.
+fn elsewhere(seams: &[usize]) -> Vec<usize> {
+    seams.iter().filter_map(|seam| seam.checked_sub(ELSEWHERE)).filter(|frame| *frame > 0).collect()
 }
 
 /// Compares the change of the picture from the frame before to each of `frames` with the recorded change.
@@ -227,4 +232,14 @@ fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
     plot::write(files, "long_psnr.svg", axes("PSNR of held-out frames, dB"), &psnr)?;
     let seconds = points(|o| Some(o.seconds_per_frame));
     plot::write(files, "long_seconds.svg", axes("training per frame, s"), &seconds)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seams_of_short_chapters_are_compared_with_nothing() {
+        assert_eq!(elsewhere(&[8, 23, 24, 25, 96]), [1, 72]);
+    }
 }

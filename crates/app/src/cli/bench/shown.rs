@@ -47,9 +47,9 @@ pub(super) fn spread(scene: &Scene, num_frames: usize) -> Vec<usize> {
     (0..wanted).map(|k| k * n / wanted).collect()
 }
 
-/// Returns recorded views at these times.
+/// Returns views at these times, limited to the field of view as recorded frames are.
 pub(super) fn views(cameras: &[(f32, Camera)]) -> Vec<SceneView> {
-    cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: true }).collect()
+    cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: Some(0) }).collect()
 }
 
 /// Returns the cost of each pass, its time the median of all frames; nothing where the device cannot time.

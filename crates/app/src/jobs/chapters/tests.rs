@@ -152,6 +152,61 @@ fn a_stop_before_a_chapter_begins_and_damage_to_one_cost_no_other() {
 }
 
 #[test]
+fn a_chapter_that_was_done_and_is_damaged_is_trained_again_and_no_other() {
+    let here = Place::new();
+    let scene = here.folder.path().join("a.safetensors");
+    let course = here.course(&scene, true);
+    let bytes = here.bytes(&course.train(&mut unobserved, &mut |_, _| {}).unwrap().scene);
+    let first = chapter_path(&scene, 0);
+    let is_finished = |path: &Path| is_finished_chapter(path, &here.material, &course.settings);
+    assert_eq!(is_finished(&first).unwrap(), Some(true));
+    let kept = std::fs::read(&first).unwrap();
+    std::fs::write(&first, &kept[..kept.len() - 1]).unwrap();
+    assert_eq!(is_finished(&first).unwrap(), None);
+    assert_eq!(settings_of_chapters(&scene, &here.material).unwrap().unwrap(), course.settings);
+    let again = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+    assert_eq!((again.steps, again.steps_kept), (3 * STEPS, 2 * STEPS));
+    let note = format!("Chapter 1 of 3: {DAMAGED}");
+    assert!(again.notes.contains(&note), "{:?}", again.notes);
+    assert!(here.bytes(&again.scene) == bytes);
+
+    for index in 0..3 {
+        let path = chapter_path(&scene, index);
+        let kept = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &kept[..kept.len() - 1]).unwrap();
+    }
+    let error = settings_of_chapters(&scene, &here.material).unwrap_err().to_string();
+    assert!(error.contains("a.chapter-0000.safetensors"), "{error}");
+    std::fs::write(&first, "somebody's notes").unwrap();
+    assert!(is_finished(&first).is_err() && course.train(&mut unobserved, &mut |_, _| {}).is_err());
+    assert_eq!(std::fs::read_to_string(&first).unwrap(), "somebody's notes");
+}
+
+#[test]
+fn chapters_that_learned_from_other_depth_are_neither_kept_nor_joined() {
+    let mut here = Place::new();
+    let scene = here.folder.path().join("a.safetensors");
+    here.course(&scene, true).train(&mut unobserved, &mut |_, _| {}).unwrap();
+    let paths = [0, 1].map(|index| chapter_path(&scene, index));
+    let earlier = here.folder.path().join("earlier.safetensors");
+    std::fs::copy(&paths[1], &earlier).unwrap();
+    let recording = here.folder.path().join("recording");
+    let toml = recording.join("sequence.toml");
+    let text = std::fs::read_to_string(&toml).unwrap();
+    std::fs::write(&toml, text.replace("scale = 0.005", "scale = 0.01")).unwrap();
+    here.material = Material::open(&recording).unwrap();
+    let mut course = here.course(&scene, true);
+    assert_eq!(is_finished_chapter(&paths[0], &here.material, &course.settings).unwrap(), Some(false));
+    let error = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
+    assert!(error.contains("in another way"), "{error}");
+    course.replaces = true;
+    let all = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+    assert_eq!((all.steps, all.steps_kept), (3 * STEPS, 0));
+    assert!(join(&[paths[0].clone(), earlier]).unwrap_err().to_string().contains("another training"));
+    assert_eq!(is_finished_chapter(&paths[0], &here.material, &course.settings).unwrap(), Some(true));
+}
+
+#[test]
 fn chapters_of_another_training_are_not_joined() {
     let here = Place::new();
     let scene = here.folder.path().join("a.safetensors");
@@ -166,6 +221,10 @@ fn chapters_of_another_training_are_not_joined() {
     // The first chapter was there to be trained, with the other seed.
     let mixed = [paths[0].clone(), paths[1].clone()];
     assert!(join(&mixed).unwrap_err().to_string().contains("another training"));
+    let twin = here.folder.path().join("twin.safetensors");
+    std::fs::copy(&paths[0], &twin).unwrap();
+    let error = join(&[twin, paths[0].clone()]).unwrap_err().to_string();
+    assert!(error.contains("same chapter as") && error.contains("twin.safetensors"), "{error}");
     course.replaces = true;
     let all = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
     assert_eq!((all.steps, settings(&all.scene).unwrap().seed), (3 * STEPS, 1));

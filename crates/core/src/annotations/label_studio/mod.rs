@@ -87,9 +87,13 @@ impl Task {
     }
 
     /// Returns the frame and the address of its image, if it has one that names the frame. Names come first:
-    /// numbers of frames change with the first one that is used.
+    /// numbers of frames change with the first one that is used. Of the task's texts, those that look like
+    /// addresses come before other words.
     fn place(&self, canvas: &Canvas) -> Option<(usize, &str)> {
-        let named = self.data.values().filter_map(Value::as_str).find_map(|address| {
+        let is_address = |text: &&str| text.contains(['/', '\\', '=', '.']);
+        let texts = self.data.values().filter_map(Value::as_str);
+        let (addresses, words): (Vec<&str>, Vec<&str>) = texts.partition(is_address);
+        let named = addresses.into_iter().chain(words).find_map(|address| {
             let name = address.rsplit(['/', '=', '\\']).next().unwrap_or(address);
             // Uploaded files get eight letters and a hyphen before their names.
             let original = name.split_at_checked(9).filter(|(added, _)| added.ends_with('-')).map(|(_, n)| n);

@@ -35,7 +35,7 @@ fn scores(frame: usize) -> Vec<Grid<f32>> {
 }
 
 fn export(folder: &Path, how: &Provenance, stop_after: usize) -> ExportSummary {
-    let mut export = Export::begin(folder, (0..FRAMES).collect(), how.clone(), false).unwrap();
+    let mut export = Export::begin(folder, (0..FRAMES).collect(), how.clone()).unwrap();
     for _ in 0..stop_after {
         let Some(frame) = export.next_frame() else { break };
         export.write(&picture(), &scores(frame), None).unwrap();
@@ -260,7 +260,7 @@ fn the_video_shows_the_overlays_at_the_recordings_speed() {
 fn odd_sizes_are_filled_up_in_videos() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Video], false);
-    let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+    let mut export = Export::begin(folder.path(), vec![0], how).unwrap();
     let odd = Grid::filled(33, 21, 0.2);
     let grey = image::RgbImage::from_pixel(33, 21, image::Rgb([120; 3]));
     export.write(&grey, &[odd.clone(), odd], None).unwrap();
@@ -288,7 +288,7 @@ fn fast_and_long_gifs_leave_frames_out_and_keep_the_time() {
     let folder = tempfile::tempdir().unwrap();
     let mut how = provenance(&[Format::Gif], false);
     how.frames_per_second = Some(120.0);
-    let mut export = Export::begin(folder.path(), (0..10).collect(), how, false).unwrap();
+    let mut export = Export::begin(folder.path(), (0..10).collect(), how).unwrap();
     while let Some(frame) = export.next_frame() {
         export.write(&picture(), &scores(frame), None).unwrap();
     }
@@ -369,24 +369,24 @@ fn files_about_all_frames_are_made_anew_only_where_they_are_missing() {
 
     let mine = folder.path().join("csv/frames_000000-000003.csv");
     std::fs::write(&mine, "edited").unwrap();
-    let refused = Export::begin(folder.path(), (0..FRAMES).collect(), how.clone(), false).err().unwrap();
+    let refused = Export::begin(folder.path(), (0..FRAMES).collect(), how.clone()).err().unwrap();
     assert!(refused.to_string().contains("changed"), "{refused}");
-    let other_frames = Export::begin(folder.path(), vec![0, 1], how.clone(), false).unwrap();
+    let other_frames = Export::begin(folder.path(), vec![0, 1], how.clone()).unwrap();
     other_frames.finish().unwrap();
     assert_eq!(std::fs::read_to_string(&mine).unwrap(), "edited", "another range has files of its own");
 
     let foreign = tempfile::tempdir().unwrap();
     std::fs::create_dir(foreign.path().join("coco")).unwrap();
     std::fs::write(foreign.path().join("coco/frames_000000-000003.json"), "mine").unwrap();
-    assert!(Export::begin(foreign.path(), (0..FRAMES).collect(), how, false).is_err());
+    assert!(Export::begin(foreign.path(), (0..FRAMES).collect(), how).is_err());
 }
 
 #[test]
 fn gaps_and_changing_sizes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Csv], false);
-    assert!(Export::begin(folder.path(), vec![0, 2], how.clone(), false).is_err());
-    let mut export = Export::begin(folder.path(), vec![0, 1], how, false).unwrap();
+    assert!(Export::begin(folder.path(), vec![0, 2], how.clone()).is_err());
+    let mut export = Export::begin(folder.path(), vec![0, 1], how).unwrap();
     export.write(&picture(), &scores(0), None).unwrap();
     let small = Grid::filled(4, 4, 0.2);
     let error = export.write(&image::RgbImage::new(4, 4), &[small.clone(), small], None).unwrap_err();
@@ -447,12 +447,16 @@ fn exclusive_masks(frame: usize) -> Vec<Mask> {
 #[test]
 fn a_dicom_segmentation_of_nothing_has_one_empty_frame() {
     let folder = tempfile::tempdir().unwrap();
-    let mut export =
-        Export::begin(folder.path(), vec![0], provenance(&[Format::DicomSeg], false), false).unwrap();
-    export.write(&picture(), &[Grid::filled(40, 24, 0.1), Grid::filled(40, 24, f32::NAN)], None).unwrap();
+    let how = Provenance { frames_not_shown: vec![[0, 1]], ..provenance(&[Format::DicomSeg], false) };
+    let mut export = Export::begin(folder.path(), vec![1, 2, 3], how).unwrap();
+    for _ in 0..3 {
+        let scores = [Grid::filled(40, 24, 0.1), Grid::filled(40, 24, f32::NAN)];
+        export.write(&picture(), &scores, None).unwrap();
+    }
     export.finish().unwrap();
-    let read = Segmentation::open(&folder.path().join(super::name(Format::DicomSeg, &[0]))).unwrap();
+    let read = Segmentation::open(&folder.path().join(super::name(Format::DicomSeg, &[1, 2, 3]))).unwrap();
     assert_eq!((read.frames.len(), read.mask(0, 1).unwrap().count()), (1, 0));
+    assert_eq!(read.frames[0].position, Some(3), "the first of the frames that are shown");
 }
 
 #[test]
@@ -469,7 +473,7 @@ fn dicom_segmentations_refer_to_their_sources() {
         lossy: Some(("12.5".into(), "ISO_14496_10".into())),
     };
     let mut export =
-        Export::begin(folder.path(), (0..FRAMES).collect(), how, false).unwrap().with_sources(Some(sources));
+        Export::begin(folder.path(), (0..FRAMES).collect(), how).unwrap().with_sources(Some(sources));
     for frame in 0..FRAMES {
         export.write(&picture(), &scores(frame), None).unwrap();
     }

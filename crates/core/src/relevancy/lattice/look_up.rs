@@ -82,13 +82,15 @@ fn look_up_strip<S: Simd>(
             strip.iter_mut().for_each(|scores| scores[start..start + inside].fill(0.0));
             continue;
         }
+        let x = load(simd, points.plane(0), at, inside);
+        let y = load(simd, points.plane(1), at, inside);
+        let z = load(simd, points.plane(2), at, inside);
+        let shortest = alpha * Points::MIN_LENGTH;
+        // NaN is not live either.
+        let is_live = is_live & (x * x + y * y + z * z).simd_ge(shortest * shortest);
         let scale = f32x8::splat(simd, FINE_PER_UNIT) / alpha;
         let middle = f32x8::splat(simd, EXTENT * FINE_PER_UNIT);
-        let fine = [
-            load(simd, points.plane(0), at, inside).mul_add(scale, middle),
-            load(simd, points.plane(1), at, inside).mul_add(scale, middle),
-            load(simd, points.plane(2), at, inside).mul_add(scale, middle),
-        ];
+        let fine = [x.mul_add(scale, middle), y.mul_add(scale, middle), z.mul_add(scale, middle)];
         // Written so that NaN is outside.
         let is_inside = |v: f32x8<S>| v.simd_ge(0.0) & v.simd_lt(FINE as f32);
         let in_cube = is_inside(fine[0]) & is_inside(fine[1]) & is_inside(fine[2]);

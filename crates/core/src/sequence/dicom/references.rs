@@ -1,9 +1,10 @@
-//! Identifiers of the files that a recording comes from. They are read when a segmentation is written, which
-//! needs them, and kept nowhere else.
+//! Identifiers of the files that a recording comes from. They are read when a segmentation, which refers to
+//! them, is written or read, and kept nowhere else.
 
 use super::object::Object;
 use crate::{
     Result,
+    annotations::References,
     dicom::{
         read,
         tag::{self, Tag},
@@ -68,6 +69,16 @@ impl SourceReferences {
     /// Returns the SHA-256 over everything in it, hexadecimal.
     pub fn digest(&self) -> String {
         crate::hash::sha256(format!("{self:?}").as_bytes())
+    }
+
+    /// Returns the frames of the recording by the files that they come from. The only frame of a file is found
+    /// without a number, and as the first one.
+    pub(crate) fn by_file(&self) -> References {
+        let names = |(i, source): (usize, &SourceFrame)| {
+            let instance = &self.instances[source.instance].instance_uid;
+            [source.number, source.number.or(Some(1))].map(|number| ((instance.clone(), number), i))
+        };
+        self.frames.iter().enumerate().flat_map(names).collect()
     }
 }
 

@@ -74,10 +74,7 @@ pub(super) fn open(path: &Path, series: &[Object], selection: &Selection) -> Res
             }
             Decoder::Jpeg => Coding::Jpeg { is_rgb: object.photometric() == "RGB" },
             Decoder::H264 | Decoder::Stream | Decoder::Unpacked(_) => {
-                let [only] = series else {
-                    let hint = "Open its files one by one.";
-                    return Err(Error::input_at(path, "the series consists of several videos", hint));
-                };
+                let [only] = series else { return Err(several(path, &decoder, series)) };
                 return stream(path, only, &decoder, selection);
             }
         };
@@ -93,6 +90,19 @@ pub(super) fn open(path: &Path, series: &[Object], selection: &Selection) -> Res
         frames.frame(0)?;
     }
     recording.select(selection)
+}
+
+/// Returns the error that the files of a series cannot be read as one.
+fn several(path: &Path, decoder: &Decoder, series: &[Object]) -> Error {
+    let are_single = series.iter().all(|object| object.num_frames == 1);
+    let (what, hint) = match decoder {
+        Decoder::Unpacked(_) if are_single => (
+            "a series of single pictures in this coding is not read",
+            "Convert it to Explicit VR Little Endian, for instance by gdcmconv --raw.",
+        ),
+        _ => ("the series consists of several videos", "Open its files one by one."),
+    };
+    Error::input_at(path, what, hint)
 }
 
 /// Opens a video.

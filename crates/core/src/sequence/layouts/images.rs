@@ -6,6 +6,7 @@ use crate::{
     sequence::{
         read,
         recording::{MaskRule, Recording},
+        video,
     },
 };
 use std::path::Path;
@@ -17,8 +18,13 @@ pub(super) fn matches(folder: &Path) -> Result<bool> {
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let inner = folder.join("images");
-    let images = read::list(if inner.is_dir() { &inner } else { folder }, read::PICTURES)?;
+    let is_inside = read::holds(&inner, read::PICTURES);
+    let images = read::list(if is_inside { &inner } else { folder }, read::PICTURES)?;
     let mut recording = Recording::of_pictures(folder, &images)?;
+    if !is_inside && let Some(video) = read::list(folder, video::VIDEOS)?.first() {
+        let name = read::file_name(video);
+        recording.notes.push(format!("{name} and other videos here are not read: open a video by itself"));
+    }
     recording.mask_rule = MaskRule::KeepBlack;
     recording.add_masks(&folder.join("masks"))?;
     recording.add_depth(&folder.join("depth"))?;

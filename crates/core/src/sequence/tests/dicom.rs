@@ -3,6 +3,8 @@
 use super::{videos::write_video, *};
 use crate::{
     dicom::elements::element,
+    export::tests::segmentation_from,
+    marks::Marks,
     sequence::{HiddenRectangle, layouts::Layout},
 };
 use openh264::{
@@ -370,6 +372,71 @@ fn a_series_comes_in_the_order_of_its_numbers_and_from_a_directory() {
     assert!(message(Sequence::open(folder.path())).contains("not allowed"));
     directory(&["IM9"]);
     assert!(message(Sequence::open(folder.path())).contains("not there"));
+}
+
+/// Writes a series of files with equally many frames of 8 × 6.
+fn write_series(folder: &Path, num_files: usize, num_frames: usize) {
+    fs::create_dir(folder).unwrap();
+    for i in 1..=num_files {
+        let mut file = File::new(EXPLICIT, (8, 6), num_frames);
+        file.set((0x0008, 0x0018), "UI", text(&format!("1.2.3.{i}")));
+        file.set((0x0020, 0x0013), "IS", text(&i.to_string())).stored(&colours(&frames(num_frames)));
+        fs::write(folder.join(format!("IM{i}")), file.bytes()).unwrap();
+    }
+}
+
+#[test]
+fn marks_are_on_the_frames_of_the_files_that_a_segmentation_refers_to() {
+    for (num_files, num_frames) in [(2, 3), (6, 1), (1, 6)] {
+        let folder = tempfile::tempdir().unwrap();
+        let files = folder.path().join("series");
+        write_series(&files, num_files, num_frames);
+        let whole = Sequence::open(&files).unwrap();
+        fs::write(files.join("sequence.toml"), "[frames]\nfirst = 2\n").unwrap();
+        let rest = Sequence::open(&files).unwrap();
+        // Each frame has a pixel of its own.
+        let pixel = |i: usize| Mask::from_vec(8, 6, (0..48).map(|at| at == i).collect());
+        let masks: Vec<Mask> = (0..6).map(pixel).collect();
+        let sources = whole.source_references().unwrap().unwrap();
+        // The only frame of a file may have a number.
+        let mut numbered = sources.clone();
+        numbered.frames.iter_mut().for_each(|frame| _ = frame.number.get_or_insert(1));
+        for (name, sources) in [("plain", sources), ("numbered", numbered)] {
+            let file = segmentation_from(&folder.path().join(name), &masks, 0, Some(sources));
+            let marked = |sequence: &Sequence, is_at_hand: bool| {
+                let recording = || is_at_hand.then(|| sequence.clone());
+                let marks = Marks::read_for(&file, &sequence.canvas(), recording)?;
+                let pixel = |mask: &Mask| mask.data.iter().position(|is_in| *is_in).unwrap();
+                let marks = marks.all().iter().map(|mark| (mark.frame, pixel(&mark.shape.pixels(8, 6))));
+                Ok::<_, Error>(marks.collect::<Vec<_>>())
+            };
+            let what = format!("{num_files} files, {name}");
+            assert_eq!(marked(&whole, true).unwrap(), [0, 1, 2, 3, 4, 5].map(|i| (i, i)), "{what}");
+            assert_eq!(marked(&rest, true).unwrap(), [0, 1, 2, 3].map(|i| (i, i + 2)), "{what}");
+            match marked(&rest, false) {
+                Ok(found) => assert!(num_files == 1 && found == [0, 1, 2, 3].map(|i| (i, i + 2)), "{what}"),
+                Err(e) => assert!(num_files > 1 && e.to_string().contains("not at hand"), "{e}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_series_of_single_pictures_in_a_coding_of_videos_is_refused_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |syntax: &'static str| {
+        for i in 1..=2 {
+            let mut file = File::new(syntax, (8, 6), 1);
+            file.set((0x0020, 0x0013), "IS", text(&i.to_string())).fragments(&[], &[b"no picture"]);
+            fs::write(folder.path().join(format!("IM{i}")), file.bytes()).unwrap();
+        }
+        message(Sequence::open(folder.path()))
+    };
+    for syntax in ["1.2.840.10008.1.2.4.70", "1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.90"] {
+        let said = write(syntax);
+        assert!(said.contains("single pictures") && said.contains("gdcmconv"), "{said}");
+    }
+    assert!(write(H264_HIGH).contains("several videos"));
 }
 
 #[test]

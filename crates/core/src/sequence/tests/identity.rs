@@ -165,3 +165,32 @@ fn what_ffmpeg_unpacked_is_known_by_its_file() {
         assert!(now.difference(&before).unwrap().to_string().contains("another one"));
     }
 }
+
+/// Makes an identity of frames of equal sizes, whose content is known by a digit each.
+fn identity_of(content: &[Option<char>], bytes: u64) -> Identity {
+    let hash = |digit: char| digit.to_string().repeat(64);
+    let line =
+        |(i, digit): (usize, &Option<char>)| format!("{} {bytes} {i:06}", digit.map_or("-".to_owned(), hash));
+    let lines: Vec<String> = content.iter().enumerate().map(line).collect();
+    serde_json::from_value(serde_json::json!({ "frames": lines })).unwrap()
+}
+
+#[test]
+fn content_tells_recordings_of_equal_sizes_apart() {
+    let [one, two] = ['1', '2'].map(|digit| identity_of(&[Some(digit); 3], 9));
+    assert_eq!(one.outline_digest(), two.outline_digest());
+    assert!(one.spots_digest().is_some() && one.spots_digest() != two.spots_digest());
+    assert_eq!(identity_of(&[None; 3], 9).spots_digest(), None);
+}
+
+#[test]
+fn what_opening_reads_is_the_same_of_a_complete_identity() {
+    let read = |is_complete: bool| {
+        let content: Vec<_> = (0..100).map(|i| (is_complete || i % 3 == 1).then_some('7')).collect();
+        // Two of the 32 frames that are evenly spread, which are 1 and 4, fit into 64 MiB.
+        identity_of(&content, 30 << 20).spots_digest()
+    };
+    assert!(read(true).is_some());
+    assert_eq!(read(false), read(true));
+    assert_eq!(identity_of(&[Some('7'); 3], 65 << 20).spots_digest(), None, "nothing is read");
+}

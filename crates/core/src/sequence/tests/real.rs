@@ -5,14 +5,12 @@ use crate::progress::unobserved;
 
 /// Returns a folder of real recordings; `None` (with a printed note) if it is absent.
 fn real(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);
-    let root = root.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"));
-    let path = root.join(name);
-    if !path.exists() {
-        eprintln!("skipped: no {} here (set SURGTPGS_DATA)", path.display());
-        return None;
+    let path = std::env::var_os("SURGTPGS_DATA").map(|root| Path::new(&root).join(name));
+    let path = path.filter(|path| path.exists());
+    if path.is_none() {
+        eprintln!("skipped: no {name} here (set SURGTPGS_DATA)");
     }
-    Some(path)
+    path
 }
 
 #[test]

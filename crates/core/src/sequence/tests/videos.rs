@@ -176,4 +176,24 @@ fn videos_of_one_folder_follow_each_other_in_natural_order() {
     std::fs::write(folder.path().join("sequence.toml"), "[frames]\nfirst = 20\nlast = 30\n").unwrap();
     let some = Sequence::open(folder.path()).unwrap();
     assert_eq!((some.num_frames(), some.frame_name(10)), (11, "part 2_000005".to_owned()));
+    // A part that is cut off is opened as its message says.
+    std::fs::remove_file(folder.path().join("sequence.toml")).unwrap();
+    let cut = folder.path().join("part 2.mp4");
+    let whole = std::fs::read(&cut).unwrap();
+    std::fs::write(&cut, &whole[..whole.len() - 600]).unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("in part 2.mp4.toml"));
+    std::fs::write(folder.path().join("part 2.mp4.toml"), "[frames]\nlast = 8\n").unwrap();
+    let some = Sequence::open(folder.path()).unwrap();
+    assert_eq!(
+        (some.num_frames(), some.frame_name(FRAMES + 9)),
+        (2 * FRAMES + 9, "part 10_000000".to_owned())
+    );
+    // Pictures beside videos hide these, and it is said.
+    for i in 0..2 {
+        blob(i).save(folder.path().join(format!("snapshot{i}.png"))).unwrap();
+    }
+    let pictures = Sequence::open(folder.path()).unwrap();
+    assert_eq!(pictures.layout(), Layout::Images);
+    let notes = check(&pictures, &mut unobserved).unwrap().warnings.join(" ");
+    assert!(notes.contains("part 1.mp4") && notes.contains("open a video by itself"), "{notes}");
 }

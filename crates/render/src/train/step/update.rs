@@ -251,6 +251,7 @@ impl UpdatePass {
     /// Adds the update of the parameters at rest and of the network.
     fn encode_groups(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, chain: &ChainPass) {
         let (scene, r, settings) = (&step.resident.scene, step.resident, step.context.settings);
+        let sh_rest_rate = rates(step, self.latent_dim).sh_rest;
         let rates = &settings.rates;
         let rest = UpdateParams {
             len: (scene.rest.len() * size_of::<RestRow>() / size_of::<f32>()) as u32,
@@ -271,7 +272,7 @@ impl UpdatePass {
             ..Default::default()
         };
         if step.view.sh_degree > 0 {
-            let group = plain(scene.sh_rest.len(), status::COUNT_SH_REST, rates.sh_rest);
+            let group = plain(scene.sh_rest.len(), status::COUNT_SH_REST, sh_rest_rate);
             let arrays = [&scene.sh_rest, &chain.g_sh_rest, &self.one].map(Array::from);
             self.encode_group(step, pass, group, arrays, r.sh_rest.both());
         }

@@ -51,6 +51,8 @@ pub(super) struct DicomSeg {
     provenance: Provenance,
     sources: Option<SourceReferences>,
     size: (usize, usize),
+    /// First frame that the scene shows; a file without any finding refers to it.
+    first: usize,
     frames: Vec<SegFrame>,
     has_overlap: bool,
     pixels: BufWriter<File>,
@@ -66,6 +68,8 @@ impl DicomSeg {
         let folder = file.path().parent().unwrap_or(Path::new("."));
         let pixels = BufWriter::new(tempfile::tempfile_in(folder)?);
         let (provenance, sources) = (plan.provenance.clone(), plan.sources.cloned());
+        let first = plan.frames.iter().find(|&&frame| provenance.shows(frame)).or(plan.frames.first());
+        let first = first.copied().unwrap_or(0);
         let most = usize::from(u16::MAX);
         if plan.size.0 > most || plan.size.1 > most || provenance.prompts.len() > most {
             return Err(io::Error::other("DICOM has no numbers for so many columns, rows or segments"));
@@ -75,6 +79,7 @@ impl DicomSeg {
             provenance,
             sources,
             size: plan.size,
+            first,
             frames: Vec::new(),
             has_overlap: false,
             pixels,
@@ -143,12 +148,12 @@ impl Series for DicomSeg {
     fn finish(mut self: Box<Self>) -> io::Result<WholeFile> {
         if self.frames.is_empty() {
             // A file needs a frame.
-            let num_pixels = self.size.0 * self.size.1;
+            let (first, num_pixels) = (self.first, self.size.0 * self.size.1);
             match self.provenance.options.seg_type {
-                SegType::Binary => self.push_mask(0, 1, &vec![false; num_pixels])?,
+                SegType::Binary => self.push_mask(first, 1, &vec![false; num_pixels])?,
                 SegType::Fractional | SegType::Labelmap => {
                     self.row = vec![0; num_pixels];
-                    self.push(0, 1)?;
+                    self.push(first, 1)?;
                 }
             }
         }
