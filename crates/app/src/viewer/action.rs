@@ -64,8 +64,8 @@ pub(crate) enum Action {
     ShowFolder(PathBuf),
     /// Takes a recording out of those that wait to be reconstructed.
     Unqueue(usize),
-    /// Stops offering the finished reconstruction.
-    ForgetFinished,
+    /// Stops offering a finished reconstruction.
+    ForgetFinished(PathBuf),
     /// Inverts which side of the recording's masks is kept.
     FlipMasks,
     /// Restores unsaved work.
@@ -73,7 +73,7 @@ pub(crate) enum Action {
     /// Discards unsaved work.
     Discard(LeftId),
     /// Offers unsaved work again at the next start.
-    RestoreLater,
+    RestoreLater(LeftId),
     /// Shows a problem.
     Report(String),
     /// Closes the message about a problem.
@@ -171,11 +171,11 @@ impl Shared {
                 let shown = self.backend.show_folder(&folder);
                 self.settle(shown);
             }
-            Action::ForgetFinished => self.reconstruction.finished = None,
+            Action::ForgetFinished(scene) => self.reconstruction.forget(&scene),
             Action::FlipMasks => self.flip_masks(ctx),
             Action::Restore(id) => self.restore(id, ctx),
             Action::Discard(id) => self.saving.autosave.discard(id),
-            Action::RestoreLater => self.saving.is_recovery_put_off = true,
+            Action::RestoreLater(id) => self.saving.for_later.push(id),
             Action::Report(problem) => self.problem = Some(problem),
             Action::CloseProblem => self.problem = None,
             Action::CloseToast => self.toast = None,

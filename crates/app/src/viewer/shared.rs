@@ -184,8 +184,14 @@ impl Shared {
 
     /// Returns the area over time of the selected prompt.
     pub(crate) fn selected_curve(&self) -> Option<Curve> {
-        let prompt = self.document.prompt(self.document.selected?)?;
-        self.areas()?.curve(&self.measure(prompt), prompt.threshold)
+        self.curve(self.document.prompt(self.document.selected?)?)
+    }
+
+    /// Returns the area of a prompt over time, of frames that are not left out; `None` before the first frame
+    /// was counted.
+    fn curve(&self, prompt: &Prompt) -> Option<Curve> {
+        let curve = self.areas()?.curve(&self.measure(prompt), prompt.threshold)?;
+        Some(curve.without(self.document.excluded()))
     }
 
     /// Returns the measure that is counted for a prompt on every frame.
@@ -197,12 +203,12 @@ impl Shared {
     /// Returns the visible prompts with their numbers and curves. A curve is there before anything of it is
     /// counted: if it came later, the picture would move while the user points at it.
     pub(crate) fn curves(&self) -> Vec<(usize, Prompt, Curve)> {
-        let Some((areas, info)) = self.areas().zip(self.info()).filter(|_| self.can_ask()) else {
+        let Some(info) = self.info().filter(|_| self.can_ask() && self.areas().is_some()) else {
             return Vec::new();
         };
         let prompts = self.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
-        let unknown = || Curve { points: vec![None; info.num_frames] };
-        let curve = |p: &Prompt| areas.curve(&self.measure(p), p.threshold).unwrap_or_else(unknown);
+        let unknown = || Curve::new(vec![None; info.num_frames]).without(self.document.excluded());
+        let curve = |p: &Prompt| self.curve(p).unwrap_or_else(unknown);
         prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
     }
 

@@ -2,7 +2,9 @@
 //!
 //! [`engine`] implements them with the real engine; tests implement them with a small fake.
 
+pub(crate) mod earlier;
 pub(crate) mod engine;
+pub(crate) mod frames;
 pub(crate) mod orbit;
 pub(crate) mod paths;
 pub(crate) mod ranges;
@@ -13,10 +15,12 @@ use crate::{
     evaluation::Evaluation,
     jobs::ExportRequest,
 };
+use frames::Frames;
 use image::RgbImage;
 use orbit::Orbit;
 use paths::{PathAsk, Picked};
 use std::{
+    ops::Range,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -55,6 +59,8 @@ pub(crate) struct Info {
     pub(crate) sequence: Option<PathBuf>,
     /// Hash of the names and sizes of the recording's frames; `None` where they are not known.
     pub(crate) frames_sha256: Option<String>,
+    /// Hash of the content of a few frames; `None` where it is not known.
+    pub(crate) spots_sha256: Option<String>,
     pub(crate) num_frames: usize,
     /// File names of the frames, by which files of annotations name them; empty where they are not known.
     pub(crate) frame_names: Arc<[String]>,
@@ -75,7 +81,7 @@ pub(crate) struct Info {
     /// Share of its training that a reconstruction has had, 0–1; 1 where nothing is known.
     pub(crate) learned: f32,
     /// Frames of a long recording that are not reconstructed yet.
-    pub(crate) unlearned: Vec<std::ops::Range<usize>>,
+    pub(crate) unlearned: Vec<Range<usize>>,
     /// `true` if the depth of the reconstruction was measured, so that lengths in space mean something.
     pub(crate) has_measured_depth: bool,
     /// `true` if prompts can be asked.
@@ -100,12 +106,28 @@ impl Info {
         self.unlearned.iter().any(|frames| frames.contains(&frame))
     }
 
-    /// Returns `true` if both are of one recording. If that is not known, name and length are compared.
+    /// Returns the frames of the recording; `None` where they are not known.
+    pub(crate) fn frames(&self) -> Option<Frames<'_>> {
+        let (spots, place) = (self.spots_sha256.as_deref(), self.sequence.as_deref());
+        self.frames_sha256.as_deref().map(|outline| Frames { outline, spots, place })
+    }
+
+    /// Returns `true` if both are of the same frames of one recording. Where frames are not known, paths are
+    /// compared; where those are not known either, names.
     pub(crate) fn is_same_recording(&self, other: &Self) -> bool {
-        match (&self.sequence, &other.sequence) {
-            (Some(mine), Some(theirs)) => mine == theirs,
-            _ => (&self.name, self.num_frames) == (&other.name, other.num_frames),
-        }
+        let frames = self.frames().zip(other.frames());
+        let paths = self.sequence.as_ref().zip(other.sequence.as_ref());
+        let is_same = match (frames, paths) {
+            (Some((mine, theirs)), _) => mine.are_of_one(theirs),
+            (None, Some((mine, theirs))) => mine == theirs,
+            (None, None) => self.name == other.name,
+        };
+        is_same && self.num_frames == other.num_frames
+    }
+
+    /// Returns `true` if both are of recordings at one path, but of other frames.
+    pub(crate) fn has_other_frames(&self, other: &Self) -> bool {
+        self.sequence.is_some() && self.sequence == other.sequence && !self.is_same_recording(other)
     }
 
     /// Returns `true` if there is a reconstruction whose depth nobody measured. It has no numbers then.
@@ -167,6 +189,10 @@ pub(crate) struct Rendering {
 /// An open scene or recording. A worker thread owns it.
 pub(crate) trait FrameSource: Send {
     fn info(&self) -> &Info;
+    /// Returns the frames of the shot of a frame, over which its scores may be smoothed.
+    fn shot_of(&self, _: usize) -> Range<usize> {
+        0..self.info().num_frames
+    }
     /// Returns the frame as it was recorded.
     fn original(&mut self, frame: usize) -> Result<RgbImage>;
     /// Returns the mask of instruments on the recorded frame; `None` where it is not known.
@@ -243,14 +269,23 @@ pub(crate) trait Backend: Send + Sync {
     ) -> Result<ExportSummary>;
     /// Shows a folder with the system's file manager.
     fn show_folder(&self, folder: &Path) -> Result<()>;
-    /// Compares a scene with its recording: pictures, depth and the masks of its classes.
-    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation>;
+    /// Compares a scene with its recording: pictures, depth and the masks of its classes. Ranges of frames that
+    /// are left out are not measured.
+    fn evaluate(&self, scene: &Path, left_out: &[(usize, usize)], task: &TaskContext) -> Result<Evaluation>;
     /// Returns the available memory, bytes; `None` where the system does not tell.
     fn available_bytes(&self) -> Option<u64> {
         None
     }
     /// Opens the networks that make a recording searchable, and reports what is wrong with each.
     fn check_models(&self, models: &Models, task: &TaskContext) -> Result<ModelFaults>;
+    /// Returns the first of these folders that holds what these very networks found in a recording.
+    fn found_before(
+        &self,
+        models: &Models,
+        recording: &Path,
+        folders: &[PathBuf],
+        task: &TaskContext,
+    ) -> Result<Option<PathBuf>>;
     /// Trains and saves a scene. After a cancellation, the scene learned so far is still saved and returned.
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf>;
 }
@@ -293,6 +328,8 @@ pub(crate) struct TrainRequest {
     pub(crate) excluded: Vec<(usize, usize)>,
     /// Source of what words are found by.
     pub(crate) words: Words,
+    /// Folder of what networks find, and may have found before; `None` for the one beside the scene.
+    pub(crate) features: Option<PathBuf>,
 }
 
 /// Source of what words are found by in a reconstruction. A prepared folder has its own.
@@ -352,7 +389,6 @@ pub(crate) const PREPARING: &str = "preparing";
 impl TrainRequest {
     /// Returns the folder of what networks find, which stays, so that the work goes on there after a stop.
     pub(crate) fn features_folder(&self) -> PathBuf {
-        let name = self.scene.file_stem().unwrap_or_default().to_string_lossy();
-        self.scene.with_file_name(format!("{name}-features"))
+        self.features.clone().unwrap_or_else(|| earlier::features_beside(&self.scene))
     }
 }

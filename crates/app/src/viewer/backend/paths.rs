@@ -65,7 +65,7 @@ pub(crate) fn taken(file: &Path) -> Option<String> {
 }
 
 /// Returns the `number`th path that is offered for a file of a name, from 1 on.
-pub(crate) fn numbered_path(folder: &Path, name: &str, extension: &str, number: usize) -> PathBuf {
+fn numbered_path(folder: &Path, name: &str, extension: &str, number: usize) -> PathBuf {
     let number = if number == 1 { String::new() } else { format!("-{number}") };
     folder.join(format!("{name}{number}.{extension}"))
 }

@@ -1,4 +1,4 @@
-//! Conditions and actions that several commands share, or that do not fit their rows.
+//! Actions that several commands share, or that do not fit their rows.
 
 use crate::viewer::{
     backend::paths::{PathAsk, PathKind},
@@ -6,6 +6,7 @@ use crate::viewer::{
     picture::areas::{self, Curve},
     shared::{Shared, Viewport},
     state::{time_scale::TimeScale, view_mode::ViewMode},
+    text::thousands,
 };
 use egui::{Context, Order, Pos2, Rect, ViewportCommand, pos2};
 use std::path::Path;
@@ -24,29 +25,6 @@ pub(super) struct Given<'a> {
     pub(super) is_stop_down: bool,
 }
 
-pub(super) fn always(_: &Shared) -> bool {
-    true
-}
-
-pub(super) fn is_open(shared: &Shared) -> bool {
-    shared.open.is_some()
-}
-
-/// Returns `true` if prompts can be asked.
-pub(super) fn can_ask(shared: &Shared) -> bool {
-    shared.can_ask()
-}
-
-/// Returns `true` if prompts can be typed.
-pub(super) fn takes_prompts(shared: &Shared) -> bool {
-    shared.takes_prompts()
-}
-
-/// Returns `true` if there are marks and no file dialog is open.
-pub(super) fn can_save_marks(shared: &Shared) -> bool {
-    can_pick(shared) && !shared.document.marks().is_empty() && is_open(shared)
-}
-
 /// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
     let counts = |frame: usize| !shared.document.is_excluded(frame);
@@ -57,31 +35,6 @@ pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
             shared.take_marking();
         }
     }
-}
-
-pub(super) fn has_reconstruction(shared: &Shared) -> bool {
-    shared.info().is_some_and(|i| i.has_reconstruction)
-}
-
-/// Returns `true` if a picture is shown that may be seen.
-pub(super) fn has_picture(shared: &Shared) -> bool {
-    shared.picture().is_some_and(|p| !shared.document.is_excluded(p.request.view.frame))
-}
-
-/// Returns `true` if the present frame has a bookmark.
-pub(super) fn is_bookmarked(shared: &Shared) -> bool {
-    let frame = shared.playback.frame();
-    shared.document.bookmarks().iter().any(|b| b.frame == frame)
-}
-
-/// Returns `true` if recorded and reconstructed frames are at hand.
-pub(super) fn can_compare(shared: &Shared) -> bool {
-    shared.info().is_some_and(|i| i.has_reconstruction && i.has_original)
-}
-
-/// Returns `true` unless a file dialog is open.
-pub(super) fn can_pick(shared: &Shared) -> bool {
-    shared.opening.picking.is_none()
 }
 
 /// Asks what to open.
@@ -100,22 +53,6 @@ pub(super) fn what_to_open(shared: &Shared, is_folder: bool) -> PathAsk {
     let known = open.into_iter().chain(&shared.preferences.recent).find(|path| !shared.is_demo(path));
     let folder = known.and_then(|path| path.parent()).map(Path::to_owned);
     PathAsk { title: title.into(), kind, folder }
-}
-
-pub(super) fn can_reconstruct(shared: &Shared) -> bool {
-    let recording = shared.info().and_then(|i| i.recording.as_ref());
-    let is_new = recording.is_some_and(|r| !shared.reconstruction.is_planned(r));
-    is_new && !shared.opening.is_making_demo() && !shared.reconstruction.would_be_wrong()
-}
-
-/// Returns `true` if the areas of the selected prompt are known on every frame.
-pub(super) fn is_counted(shared: &Shared) -> bool {
-    shared.selected_curve().is_some_and(|curve| curve.is_complete())
-}
-
-/// Returns `true` if these areas are known and something is found.
-pub(super) fn is_found(shared: &Shared) -> bool {
-    shared.selected_curve().is_some_and(|curve| curve.is_complete() && curve.first().is_some())
 }
 
 /// Dismisses one thing, the topmost.
@@ -177,11 +114,15 @@ pub(super) fn go_to_bookmark(shared: &mut Shared, given: &Given<'_>, direction: 
     }
 }
 
-/// Copies the areas of all visible prompts as a table.
-pub(super) fn copy_areas(shared: &mut Shared, ctx: &Context) {
-    let curves = shared.curves();
+/// Copies the areas of all visible prompts that have an answer as a table, and says how long it is.
+pub(super) fn copy_areas(shared: &mut Shared, given: &Given<'_>) {
+    let mut curves = shared.curves();
+    curves.retain(|(.., curve)| !curve.has_no_answer());
+    let num_rows: usize = curves.iter().map(|(.., curve)| curve.num_known()).sum();
     let rows = curves.iter().map(|(_, p, c)| (p.text.as_str(), p.threshold, c.clone()));
-    ctx.copy_text(areas::csv(rows, |frame| shared.playback.seconds(frame)));
+    given.ctx.copy_text(areas::csv(rows, |frame| shared.playback.seconds(frame)));
+    let rows = if num_rows == 1 { "row" } else { "rows" };
+    shared.say(format!("A table of {} {rows} is copied", thousands(num_rows)), None, given.now);
 }
 
 /// Turns the view around the point under the pointer from now on, or around the probed point if the pointer

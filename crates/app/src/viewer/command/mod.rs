@@ -3,6 +3,7 @@
 
 mod acts;
 pub(crate) mod keys;
+mod obstacles;
 pub(crate) mod router;
 mod run;
 
@@ -12,12 +13,16 @@ use crate::viewer::{
     state::{document::THRESHOLD_STEP, playback::HOP, view_mode::ViewMode},
 };
 use acts::{
-    Given, always, can_ask, can_compare, can_pick, can_reconstruct, can_save_marks, centre_orbit, copy_areas,
-    dismiss, exclude, full_screen, go_to_bookmark, go_to_found, has_picture, has_reconstruction,
-    is_bookmarked, is_counted, is_found, is_open, look_here, magnify_time, pick, shuttle, switch,
-    takes_prompts, what_to_open,
+    Given, centre_orbit, copy_areas, dismiss, exclude, full_screen, go_to_bookmark, go_to_found, look_here,
+    magnify_time, pick, shuttle, switch, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
+use obstacles::{
+    Obstacle, bookmarked, never, no_bookmarks, no_demo, no_export, no_marks, no_picture, no_prompts,
+    no_reconstruction, no_span, not_bookmarked, not_found, not_reconstructible, nothing_open,
+    nothing_to_compare, nothing_to_redo, nothing_to_undo, nowhere_to_look, picking, reconstructing,
+    uncounted,
+};
 
 /// Group of a command, which is a heading of the shortcut sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,8 +72,8 @@ pub(crate) struct Entry {
     pub(crate) scope: Scope,
     /// Alternative keys. For the commands of numbered prompts, key n acts on prompt n.
     pub(crate) keys: &'static [KeyboardShortcut],
-    /// Returns `true` if the command can be given in the present state.
-    when: fn(&Shared) -> bool,
+    /// Says why the command cannot be given in the present state; `None` if it can.
+    obstacle: fn(&Shared) -> Obstacle,
     /// Carries out the command.
     act: fn(&mut Shared, &Given<'_>),
 }
@@ -122,7 +127,7 @@ const ALT_DIGITS: [KeyboardShortcut; 9] = digits(Modifiers::ALT);
 /// Makes the commands and their rows from one list, so that no command can lack a row.
 macro_rules! commands {
     ($($command:ident: $group:ident, $scope:ident, $keys:expr, $label:literal,
-        $tooltip:literal, when $when:expr, act $act:expr;)*) => {
+        $tooltip:literal, unless $obstacle:expr, act $act:expr;)*) => {
         /// Something the user can ask for.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub(crate) enum Command {
@@ -137,7 +142,7 @@ macro_rules! commands {
             group: Group::$group,
             scope: Scope::$scope,
             keys: &$keys,
-            when: $when,
+            obstacle: $obstacle,
             act: $act,
         },)*];
     };
@@ -146,245 +151,245 @@ macro_rules! commands {
 commands! {
     OpenFile: File, Always, [ctrl(Key::O)], "Open file…",
         "Open a reconstruction (.safetensors), a session (.surgtpgs) or a video",
-        when can_pick, act |s, g| pick(s, false, g.ctx);
+        unless picking, act |s, g| pick(s, false, g.ctx);
     OpenFolder: File, Always, [ctrl_shift(Key::O)], "Open folder…",
         "Open a recording: a folder of frames",
-        when can_pick, act |s, g| pick(s, true, g.ctx);
+        unless picking, act |s, g| pick(s, true, g.ctx);
     OpenPath: File, Always, [], "Open by its path…",
         "Type or choose a path in this window, without the system's dialog",
-        when can_pick, act |s, _| s.opening.asked = Some(what_to_open(s, false));
+        unless picking, act |s, _| s.opening.asked = Some(what_to_open(s, false));
     OpenDemo: File, Always, [], "Open the demo",
         "A made-up recording with everything ready: the first time it takes some minutes",
-        when |s| s.opening.demo_folder.is_some() && !s.opening.is_making_demo(), act |s, g| s.open_demo(g.ctx);
+        unless no_demo, act |s, g| s.open_demo(g.ctx);
     StartPage: File, Always, [ctrl(Key::W)], "Start page",
         "Close what is open and choose something else; unsaved work is kept",
-        when |s| is_open(s) && !s.is_reconstructing(), act |s, g| s.close(g.ctx);
+        unless |s| nothing_open(s).or(reconstructing(s)), act |s, g| s.close(g.ctx);
     SaveSession: File, Always, [ctrl(Key::S)], "Save session",
         "Save prompts, bookmarks and view in a small file; pictures stay where they are",
-        when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(false, g.ctx);
+        unless |s| nothing_open(s).or(picking(s)), act |s, g| s.save_session(false, g.ctx);
     SaveSessionAs: File, Always, [ctrl_shift(Key::S)], "Save session as…",
         "Save the session in another file",
-        when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(true, g.ctx);
+        unless |s| nothing_open(s).or(picking(s)), act |s, g| s.save_session(true, g.ctx);
     OpenMarks: File, Always, [], "Open marks…",
         "Add the marks of a file that was saved here, or annotations of another program",
-        when |s| is_open(s) && can_pick(s), act |s, g| s.open_marks(g.ctx);
+        unless |s| nothing_open(s).or(picking(s)), act |s, g| s.open_marks(g.ctx);
     SaveMarks: File, Always, [], "Save marks…",
         "Write all marks to a file, which the command line reads, too",
-        when can_save_marks, act |s, g| s.save_marks(g.ctx);
+        unless |s| nothing_open(s).or(picking(s)).or(no_marks(s)), act |s, g| s.save_marks(g.ctx);
     Reconstruct: File, Always, [ctrl(Key::R)], "Reconstruct…",
         "Make a reconstruction of the open recording",
-        when can_reconstruct, act |s, _| s.dialog = Some(Dialog::Reconstruct);
+        unless not_reconstructible, act |s, _| s.dialog = Some(Dialog::Reconstruct);
     Export: File, Always, [ctrl(Key::E)], "Export…",
         "Write masked frames as files",
-        when |s| can_ask(s) && !s.is_reconstructing() && !s.is_exporting(),
-        act |s, _| s.dialog = Some(Dialog::Export);
+        unless no_export, act |s, _| s.dialog = Some(Dialog::Export);
     Quality: File, Always, [ctrl(Key::M)], "Measure quality…",
         "How well the reconstruction and what its class names find match the recording and its labels",
-        when |s| can_compare(s) && !s.is_reconstructing(), act |s, _| s.dialog = Some(Dialog::Quality);
+        unless |s| reconstructing(s).or(nothing_to_compare(s)), act |s, _| s.dialog = Some(Dialog::Quality);
     Quit: File, Always, [ctrl(Key::Q)], "Quit",
         "Close the window",
-        when always, act |_, g| g.ctx.send_viewport_cmd(ViewportCommand::Close);
+        unless never, act |_, g| g.ctx.send_viewport_cmd(ViewportCommand::Close);
     Undo: Edit, Viewport, [ctrl(Key::Z)], "Undo",
         "Undo the last change; written files stay",
-        when |s| s.document.undo_name().is_some(), act |s, _| s.document.undo();
+        unless nothing_to_undo, act |s, _| s.document.undo();
     Redo: Edit, Viewport, [ctrl_shift(Key::Z), ctrl(Key::Y)], "Redo",
         "Do again what was undone",
-        when |s| s.document.redo_name().is_some(), act |s, _| s.document.redo();
+        unless nothing_to_redo, act |s, _| s.document.redo();
     CopyAreas: Edit, Viewport, [], "Copy areas as a table",
         "Frame, time and area of every visible prompt as CSV, for a spreadsheet",
-        when is_counted, act |s, g| copy_areas(s, g.ctx);
+        unless uncounted, act copy_areas;
     CopyPicture: Edit, Viewport, [ctrl(Key::C)], "Copy picture",
         "Copy the picture as it is shown, with names, frame and time, to paste it into slides",
-        when has_picture, act |s, g| s.copy_picture(g.now, g.ctx);
+        unless no_picture, act |s, g| s.copy_picture(g.now, g.ctx);
     PlayPause: Time, Viewport, [key(Key::Space)], "Play or pause",
         "Play or pause at the recording's own speed",
-        when is_open, act |s, g| s.playback.toggle(g.now);
+        unless nothing_open, act |s, g| s.playback.toggle(g.now);
     StepBack: Time, Viewport, [key(Key::ArrowLeft)], "Back 1 frame",
         "Back 1 frame",
-        when is_open, act |s, _| s.playback.step(-1);
+        unless nothing_open, act |s, _| s.playback.step(-1);
     StepForward: Time, Viewport, [key(Key::ArrowRight)], "Forward 1 frame",
         "Forward 1 frame",
-        when is_open, act |s, _| s.playback.step(1);
+        unless nothing_open, act |s, _| s.playback.step(1);
     HopBack: Time, Viewport, [shift(Key::ArrowLeft)], "Back 10 frames",
         "Back 10 frames",
-        when is_open, act |s, _| s.playback.step(-HOP);
+        unless nothing_open, act |s, _| s.playback.step(-HOP);
     HopForward: Time, Viewport, [shift(Key::ArrowRight)], "Forward 10 frames",
         "Forward 10 frames",
-        when is_open, act |s, _| s.playback.step(HOP);
+        unless nothing_open, act |s, _| s.playback.step(HOP);
     First: Time, Viewport, [key(Key::Home)], "First frame",
         "Go to the first frame",
-        when is_open, act |s, g| s.playback.seek(0, g.now);
+        unless nothing_open, act |s, g| s.playback.seek(0, g.now);
     Last: Time, Viewport, [key(Key::End)], "Last frame",
         "Go to the last frame",
-        when is_open, act |s, g| s.playback.seek(usize::MAX, g.now);
+        unless nothing_open, act |s, g| s.playback.seek(usize::MAX, g.now);
     GoToFrame: Time, Viewport, [key(Key::G)], "Go to frame…",
         "Type the number of a frame",
-        when is_open, act |s, _| s.dialog = Some(Dialog::GoToFrame);
+        unless nothing_open, act |s, _| s.dialog = Some(Dialog::GoToFrame);
     PlayBackwards: Time, Viewport, [key(Key::J)], "Play backwards",
         "Play backwards; again for twice the speed",
-        when is_open, act |s, g| shuttle(s, g, -1);
+        unless nothing_open, act |s, g| shuttle(s, g, -1);
     Stop: Time, Viewport, [key(Key::K)], "Stop",
         "Stop playing",
-        when is_open, act |s, _| s.playback.pause();
+        unless nothing_open, act |s, _| s.playback.pause();
     PlayForwards: Time, Viewport, [key(Key::L)], "Play forwards",
         "Play forwards; again for twice the speed",
-        when is_open, act |s, g| shuttle(s, g, 1);
+        unless nothing_open, act |s, g| shuttle(s, g, 1);
     Slower: Time, Viewport, [key(Key::OpenBracket)], "Slower",
         "Play slower",
-        when is_open, act |s, g| s.playback.change_speed(-1, g.now);
+        unless nothing_open, act |s, g| s.playback.change_speed(-1, g.now);
     Faster: Time, Viewport, [key(Key::CloseBracket)], "Faster",
         "Play faster",
-        when is_open, act |s, g| s.playback.change_speed(1, g.now);
+        unless nothing_open, act |s, g| s.playback.change_speed(1, g.now);
     NormalSpeed: Time, Viewport, [key(Key::Backslash)], "Normal speed",
         "Play at the recording's own speed",
-        when is_open, act |s, g| s.playback.normal_speed(g.now);
+        unless nothing_open, act |s, g| s.playback.normal_speed(g.now);
     Loop: Time, Viewport, [shift(Key::L)], "Repeat",
         "Start again at the end",
-        when is_open, act |s, _| s.playback.toggle_looping();
+        unless nothing_open, act |s, _| s.playback.toggle_looping();
     RangeStart: Time, Viewport, [key(Key::I)], "Range starts here",
         "Play and repeat from this frame on",
-        when is_open, act |s, _| s.document.set_range(Some(s.playback.range_from_here()));
+        unless nothing_open, act |s, _| s.document.set_range(Some(s.playback.range_from_here()));
     RangeEnd: Time, Viewport, [shift(Key::I)], "Range ends here",
         "Play and repeat up to this frame",
-        when is_open, act |s, _| s.document.set_range(Some(s.playback.range_to_here()));
+        unless nothing_open, act |s, _| s.document.set_range(Some(s.playback.range_to_here()));
     RangeClear: Time, Viewport, [alt(Key::I)], "Whole recording",
         "Play the whole recording again",
-        when is_open, act |s, _| s.document.set_range(None);
+        unless nothing_open, act |s, _| s.document.set_range(None);
     Exclude: Time, Viewport, [ctrl_shift(Key::E)], "Leave out these frames",
         "Leave this frame, or the range that plays, out of everything; again takes it back in",
-        when is_open, act |s, _| exclude(s);
+        unless nothing_open, act |s, _| exclude(s);
     FirstFound: Time, Viewport, [shift(Key::Home)], "First frame where it is found",
         "Go to the first frame on which the selected prompt is found",
-        when is_found, act |s, g| go_to_found(s, g, Curve::first);
+        unless not_found, act |s, g| go_to_found(s, g, Curve::first);
     LargestFound: Time, Viewport, [key(Key::P)], "Frame where it is largest",
         "Go to the frame on which the selected prompt is largest",
-        when is_found, act |s, g| go_to_found(s, g, Curve::largest);
+        unless not_found, act |s, g| go_to_found(s, g, Curve::largest);
     LastFound: Time, Viewport, [shift(Key::End)], "Last frame where it is found",
         "Go to the last frame on which the selected prompt is found",
-        when is_found, act |s, g| go_to_found(s, g, Curve::last);
+        unless not_found, act |s, g| go_to_found(s, g, Curve::last);
     Bookmark: Time, Viewport, [key(Key::M)], "Bookmark",
         "Mark this frame",
-        when |s| is_open(s) && !is_bookmarked(s), act |s, _| s.document.toggle_bookmark(s.playback.frame());
+        unless |s| nothing_open(s).or(bookmarked(s)),
+        act |s, _| s.document.toggle_bookmark(s.playback.frame());
     DeleteBookmark: Time, Viewport, [ctrl_shift(Key::M)], "Delete the bookmark",
         "Take the mark of this frame away, with its note",
-        when is_bookmarked, act |s, _| s.document.toggle_bookmark(s.playback.frame());
+        unless not_bookmarked, act |s, _| s.document.toggle_bookmark(s.playback.frame());
     Bookmarks: Time, Viewport, [shift(Key::M)], "Bookmarks and notes…",
         "The list of bookmarks, with notes and flags",
-        when is_open, act |s, _| s.dialog = Some(Dialog::Bookmarks);
+        unless nothing_open, act |s, _| s.dialog = Some(Dialog::Bookmarks);
     Phases: Time, Viewport, [shift(Key::P)], "Phases…",
         "Name the parts of the recording; save and read them as files",
-        when is_open, act |s, _| s.dialog = Some(Dialog::Phases);
+        unless nothing_open, act |s, _| s.dialog = Some(Dialog::Phases);
     TimeCloser: Time, Viewport, [alt(Key::ArrowUp)], "Enlarge the time bar",
         "Show fewer frames on the time bar, around this one; the mouse wheel over it does the same",
-        when is_open, act |s, _| magnify_time(s, 2.0);
+        unless nothing_open, act |s, _| magnify_time(s, 2.0);
     TimeFarther: Time, Viewport, [alt(Key::ArrowDown)], "Reduce the time bar",
         "Show more frames on the time bar",
-        when |s| s.viewport.span.is_some(), act |s, _| magnify_time(s, 0.5);
+        unless no_span, act |s, _| magnify_time(s, 0.5);
     PreviousBookmark: Time, Viewport, [ctrl(Key::ArrowLeft)], "Previous bookmark",
         "Go to the bookmark before this frame",
-        when |s| !s.document.bookmarks().is_empty(), act |s, g| go_to_bookmark(s, g, -1);
+        unless no_bookmarks, act |s, g| go_to_bookmark(s, g, -1);
     NextBookmark: Time, Viewport, [ctrl(Key::ArrowRight)], "Next bookmark",
         "Go to the bookmark after this frame",
-        when |s| !s.document.bookmarks().is_empty(), act |s, g| go_to_bookmark(s, g, 1);
+        unless no_bookmarks, act |s, g| go_to_bookmark(s, g, 1);
     FocusPrompt: Prompts, Always, [key(Key::Slash), ctrl(Key::L)], "Type a prompt",
         "Go to the prompt box",
-        when takes_prompts, act |s, _| s.prompt_box.wants_focus = true;
+        unless no_prompts, act |s, _| s.prompt_box.wants_focus = true;
     Negatives: Prompts, Viewport, [key(Key::N)], "What prompts are compared with…",
         "The generic phrases that a prompt has to beat",
-        when is_open, act |s, _| s.dialog = Some(Dialog::Comparison);
+        unless nothing_open, act |s, _| s.dialog = Some(Dialog::Comparison);
     HideOverlays: Prompts, Always, [ctrl(Key::H)], "Hide all overlays",
         "Show or hide everything drawn over the picture",
-        when is_open, act |s, _| s.document.is_hidden ^= true;
+        unless nothing_open, act |s, _| s.document.is_hidden ^= true;
     Peek: Prompts, Hold, [key(Key::X)], "Peek at the recorded frame (hold)",
         "The recorded frame without anything drawn over it, as long as the key is held",
-        when is_open, act |_, _| {};
+        unless nothing_open, act |_, _| {};
     CycleStyle: Prompts, Viewport, [key(Key::O)], "Next overlay style",
         "Outline, fill or heatmap",
-        when is_open, act |s, _| s.document.next_style();
+        unless nothing_open, act |s, _| s.document.next_style();
     MoreOpacity: Prompts, Viewport, [shift(Key::O)], "More opaque overlay",
         "Make the overlay more opaque by 0.2; starts again at 0.2",
-        when is_open, act |s, _| s.document.next_opacity();
+        unless nothing_open, act |s, _| s.document.next_opacity();
     BelowInstruments: Prompts, Viewport, [alt(Key::O)], "Below instruments",
         "Draw what is found below the instruments, or over them",
-        when is_open, act |s, _| s.document.overlay.below_instruments ^= true;
+        unless nothing_open, act |s, _| s.document.overlay.below_instruments ^= true;
     ThresholdDown: Prompts, Viewport, [key(Key::T)], "Lower threshold",
         "Lower the threshold of the selected prompt by 0.01: more is found",
-        when is_open, act |s, _| s.document.nudge_threshold(-THRESHOLD_STEP);
+        unless nothing_open, act |s, _| s.document.nudge_threshold(-THRESHOLD_STEP);
     ThresholdUp: Prompts, Viewport, [shift(Key::T)], "Raise threshold",
         "Raise the threshold of the selected prompt by 0.01: less is found",
-        when is_open, act |s, _| s.document.nudge_threshold(THRESHOLD_STEP);
+        unless nothing_open, act |s, _| s.document.nudge_threshold(THRESHOLD_STEP);
     SwapOriginal: View, Viewport, [shift(Key::B)], "Recorded or reconstructed",
         "Switch between the recorded frame and the reconstruction",
-        when can_compare, act |s, _| switch(s, ViewMode::Reconstruction);
+        unless nothing_to_compare, act |s, _| switch(s, ViewMode::Reconstruction);
     SideBySide: View, Viewport, [shift(Key::W)], "Side by side",
         "The recorded frame beside the reconstruction",
-        when can_compare, act |s, _| switch(s, ViewMode::SideBySide);
+        unless nothing_to_compare, act |s, _| switch(s, ViewMode::SideBySide);
     Wipe: View, Viewport, [key(Key::W)], "Wipe",
         "Drag a line between the recorded frame and the reconstruction",
-        when can_compare, act |s, _| switch(s, ViewMode::Wipe);
+        unless nothing_to_compare, act |s, _| switch(s, ViewMode::Wipe);
     Blink: View, Viewport, [key(Key::B)], "Blink",
         "The recorded frame and the reconstruction in turns",
-        when can_compare, act |s, _| switch(s, ViewMode::Blink);
+        unless nothing_to_compare, act |s, _| switch(s, ViewMode::Blink);
     Difference: View, Viewport, [key(Key::F)], "Difference",
         "How much the reconstruction differs from the recorded frame",
-        when can_compare, act |s, _| switch(s, ViewMode::Difference);
+        unless nothing_to_compare, act |s, _| switch(s, ViewMode::Difference);
     Depth: View, Viewport, [key(Key::D)], "Depth",
         "How far each point is from the endoscope",
-        when has_reconstruction, act |s, _| switch(s, ViewMode::Depth);
+        unless no_reconstruction, act |s, _| switch(s, ViewMode::Depth);
     DepthBeside: View, Viewport, [shift(Key::D)], "Beside its depth",
         "The reconstruction beside its depth",
-        when has_reconstruction, act |s, _| switch(s, ViewMode::DepthBeside);
+        unless no_reconstruction, act |s, _| switch(s, ViewMode::DepthBeside);
     Motion: View, Viewport, [shift(Key::F)], "Moving",
         "How far each point moves over the recording",
-        when has_reconstruction, act |s, _| switch(s, ViewMode::Motion);
+        unless no_reconstruction, act |s, _| switch(s, ViewMode::Motion);
     Opacity: View, Viewport, [key(Key::A)], "Opacity",
         "How opaque the reconstruction is: where it is not, nothing was reconstructed",
-        when has_reconstruction, act |s, _| switch(s, ViewMode::Opacity);
+        unless no_reconstruction, act |s, _| switch(s, ViewMode::Opacity);
     CentreOrbit: View, Viewport, [key(Key::C)], "Turn around this point",
         "Look around the point under the pointer, or the one whose scores are shown, from now on",
-        when has_reconstruction, act centre_orbit;
+        unless no_reconstruction, act centre_orbit;
     Measure: View, Viewport, [key(Key::U)], "Ruler",
         "Measure on the picture: drag from one point to another",
-        when is_open, act |s, _| {
+        unless nothing_open, act |s, _| {
             s.viewport.has_ruler ^= true;
             s.put_away_marking();
         };
     Mark: View, Viewport, [key(Key::S)], "Mark by hand",
         "Mark a structure on a frame; it is then found on all of them",
-        when is_open, act |s, _| s.toggle_marking();
+        unless nothing_open, act |s, _| s.toggle_marking();
     LookHere: View, Viewport, [shift(Key::S)], "Look here",
         "Go where one more mark would help most",
-        when |s| s.areas().is_some_and(|areas| areas.knows_where_to_look()), act |s, g| look_here(s, g);
+        unless nowhere_to_look, act look_here;
     Dismiss: View, Viewport, [key(Key::Escape)], "Close what is open",
         "Close the message, the point's scores, the ruler or the tool for marking",
-        when always, act |s, _| dismiss(s);
+        unless never, act |s, _| dismiss(s);
     ResetView: View, Viewport, [key(Key::R)], "Back to the endoscope",
         "Back to the endoscope's own view, without zoom",
-        when is_open, act |s, _| s.document.reset_look();
+        unless nothing_open, act |s, _| s.document.reset_look();
     FullScreen: View, Always, [key(Key::F11)], "Full screen",
         "Fill the screen, or back to a window",
-        when always, act |_, g| full_screen(g.ctx);
+        unless never, act |_, g| full_screen(g.ctx);
     Larger: View, Always, [ctrl(Key::Plus), ctrl(Key::Equals)], "Larger text and buttons",
         "Make text and buttons larger, for a screen that is far away",
-        when always, act |s, _| s.preferences.scale_by(1);
+        unless never, act |s, _| s.preferences.scale_by(1);
     Smaller: View, Always, [ctrl(Key::Minus)], "Smaller text and buttons",
         "Make text and buttons smaller",
-        when always, act |s, _| s.preferences.scale_by(-1);
+        unless never, act |s, _| s.preferences.scale_by(-1);
     NormalSize: View, Always, [ctrl(Key::Num0)], "Normal text and buttons",
         "Text and buttons at their normal size",
-        when always, act |s, _| s.preferences.scale_by(0);
+        unless never, act |s, _| s.preferences.scale_by(0);
     Shortcuts: Help, Always, [key(Key::F1)], "Keyboard shortcuts",
         "All keys on one sheet",
-        when always, act |s, _| s.dialog = Some(Dialog::Shortcuts);
+        unless never, act |s, _| s.dialog = Some(Dialog::Shortcuts);
     About: Help, Always, [], "About SurgTPGS",
         "Version, intended use and privacy",
-        when always, act |s, _| s.dialog = Some(Dialog::About);
+        unless never, act |s, _| s.dialog = Some(Dialog::About);
     TogglePrompt: Prompts, Viewport, PLAIN_DIGITS, "Show or hide prompt 1–9",
         "Show or hide what this prompt found",
-        when is_open, act |s, g| s.document.toggle_visible(g.index);
+        unless nothing_open, act |s, g| s.document.toggle_visible(g.index);
     SoloPrompt: Prompts, Viewport, ALT_DIGITS, "Show only prompt 1–9",
         "Show only what this prompt found; again shows all",
-        when is_open, act |s, g| s.document.solo(g.index);
+        unless nothing_open, act |s, g| s.document.solo(g.index);
 }
 
 /// Returns `true` if a command opens a text field or a dialog, which has the keyboard from then on.

@@ -1,18 +1,34 @@
 //! Carrying out of commands.
 
-use super::{Command, Invocation, acts::Given, entry, keys};
+use super::{Command, Invocation, Scope, acts::Given, entry, keys};
 use crate::viewer::{shared::Shared, state::toast::Back};
 use egui::Context;
 
 impl Shared {
-    /// Returns `true` if a command can be given in the present state.
-    pub(crate) fn is_enabled(&self, command: Command) -> bool {
-        (entry(command).when)(self)
+    /// Says why a command cannot be given in the present state; `None` if it can.
+    pub(crate) fn obstacle(&self, command: Command) -> Option<&'static str> {
+        (entry(command).obstacle)(self)
     }
 
-    /// Carries out a command, if it can be given, and says what it changed.
+    /// Returns `true` if a command can be given in the present state.
+    pub(crate) fn is_enabled(&self, command: Command) -> bool {
+        self.obstacle(command).is_none()
+    }
+
+    /// Says why a command cannot be given. An offer to take something back stays instead, and with nothing
+    /// open plain letters mean nothing.
+    fn refuse(&mut self, command: Command, obstacle: &str, now: f64) {
+        let is_meant = self.open.is_some() || entry(command).scope == Scope::Always;
+        let offers_back = self.toast.as_ref().is_some_and(|toast| toast.back.is_some());
+        if is_meant && !offers_back {
+            self.say(obstacle, None, now);
+        }
+    }
+
+    /// Carries out a command, and says what it changed; or says why it cannot be given.
     pub(crate) fn run(&mut self, Invocation { command, index }: Invocation, ctx: &Context) {
-        if !self.is_enabled(command) {
+        if let Some(obstacle) = self.obstacle(command) {
+            self.refuse(command, obstacle, ctx.input(|i| i.time));
             return;
         }
         let is_stop_down = keys::is_down(ctx, Command::Stop, &self.preferences.keys);

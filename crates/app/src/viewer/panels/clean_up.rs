@@ -5,11 +5,11 @@ use crate::viewer::{
     action::Action,
     panels::widgets::caption,
     shared::Shared,
-    state::clean_up::{MAX_AREA, MAX_GROW, MAX_ROUND, MAX_SMOOTH},
+    state::clean_up::{MAX_AREA, MAX_GROW, MAX_ROUND},
     theme,
 };
 use egui::{Popup, PopupCloseBehavior, RichText, Slider, Ui};
-use surgtpgs_core::mask::CleanUp;
+use surgtpgs_core::mask::{CleanUp, MAX_SMOOTH};
 
 /// Shows the button that opens the settings.
 pub(crate) fn clean_up_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {

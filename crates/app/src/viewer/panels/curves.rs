@@ -37,8 +37,10 @@ pub(crate) fn paint(
             numbers.push(number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour));
         }
     }
-    let text = match curves.iter().all(|(.., c)| c.is_complete()) {
+    let is_counted = curves.iter().all(|(.., c)| c.has_no_answer() || c.is_complete());
+    let text = match is_counted {
         _ if top > 0.0 => format!("{} of the picture", percent(top)),
+        true if curves.iter().all(|(.., c)| c.has_no_answer()) => "no answer".into(),
         true => "nothing found".into(),
         false => "counting…".into(),
     };
@@ -97,6 +99,7 @@ fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [
 /// Describes the curves in words.
 pub(crate) fn describe(curves: &[(usize, Prompt, Curve)]) -> String {
     let one = |(_, prompt, curve): &(usize, Prompt, Curve)| match (curve.largest(), curve.is_complete()) {
+        _ if curve.has_no_answer() => format!("{}: cannot be looked for", prompt.text),
         (_, false) => format!("{}: still being counted", prompt.text),
         (None, true) => format!("{}: found on no frame", prompt.text),
         (Some(frame), true) => {

@@ -1,4 +1,4 @@
-//! Progress and result of an export, in the side panel.
+//! Progress and result of an export, in the side panel and on the start page.
 
 use crate::viewer::{
     action::Action,
@@ -19,7 +19,7 @@ pub(crate) fn exporting_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Actio
         ui.set_width(ui.available_width());
         match &exporting.summary {
             None => running_ui(ui, exporting),
-            Some(summary) => finished_ui(ui, exporting, summary, actions),
+            Some(summary) => finished_ui(ui, shared, exporting, summary, actions),
         }
     });
     ui.add_space(10.0);
@@ -32,7 +32,7 @@ fn running_ui(ui: &mut Ui, exporting: &Exporting) {
     ui.label(RichText::new(text).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     let label = if task.is_cancelling() { "Stopping…" } else { "Stop the export" };
-    let tip = "What is finished stays; the same export goes on from there";
+    let tip = "What is finished stays, and the export can go on from there";
     let button = ui.add_enabled(!task.is_cancelling(), Button::new(label)).on_hover_text(tip);
     if button.clicked() {
         task.cancel();
@@ -41,7 +41,13 @@ fn running_ui(ui: &mut Ui, exporting: &Exporting) {
     ui.label(caption(left.unwrap_or_else(|| "estimating the time…".into())));
 }
 
-fn finished_ui(ui: &mut Ui, exporting: &Exporting, summary: &ExportSummary, actions: &mut Vec<Action>) {
+fn finished_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    exporting: &Exporting,
+    summary: &ExportSummary,
+    actions: &mut Vec<Action>,
+) {
     let files = thousands(summary.files);
     if summary.complete {
         ui.label(format!("{files} files are in"));
@@ -49,14 +55,19 @@ fn finished_ui(ui: &mut Ui, exporting: &Exporting, summary: &ExportSummary, acti
         let text = format!("Stopped. The {files} files that were finished are complete, in");
         ui.label(RichText::new(text).color(theme::AMBER));
     }
-    let folder = exporting.folder.display().to_string();
+    let folder = exporting.folder().display().to_string();
     ui.add(egui::Label::new(RichText::new(folder).color(theme::TEXT_WEAK)).wrap());
     for words in &summary.left_out {
         ui.label(RichText::new(format!("Note: {words}.")).color(theme::AMBER));
     }
     ui.horizontal_wrapped(|ui| {
+        let tip = "Writes what is missing, with the same settings, into the same folder";
+        let may_go_on = !summary.complete && shared.may_export(&exporting.asked.0);
+        if may_go_on && ui.button("Go on with it").on_hover_text(tip).clicked() {
+            actions.push(Action::Export(Box::new(exporting.asked.clone())));
+        }
         if ui.add(main_button("Open folder")).clicked() {
-            actions.push(Action::ShowFolder(exporting.folder.clone()));
+            actions.push(Action::ShowFolder(exporting.folder().to_owned()));
         }
         if ui.button("Close").clicked() {
             actions.push(Action::ForgetExport);

@@ -1,27 +1,16 @@
 //! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
 
 use crate::viewer::{
-    panels::{
-        plates::Plates,
-        widgets::{GUESSED, swatch},
-    },
-    picture::{
-        difference::{FULL_SCALE, difference_colour},
-        found::Found,
-        layer_colours::layer_colour,
-    },
+    panels::{plates::Plates, widgets::swatch},
+    picture::{difference::difference_colour, found::Found, layer_colours::layer_colour, notes::Scale},
     shared::Shared,
-    state::{
-        clean_up,
-        content::PREVIEW,
-        view_mode::{Layer, ViewMode},
-    },
+    state::{content::PREVIEW, view_mode::ViewMode},
     text::percent,
     theme,
 };
 use egui::{Align2, Color32, Galley, Painter, Rect, Ui, pos2, vec2};
 use std::sync::Arc;
-use surgtpgs_core::{mask::CleanUp, palette::Palette};
+use surgtpgs_core::palette::Palette;
 
 /// Shows the legend in the lower left corner and the tags on the pictures.
 pub(crate) fn legend_ui(
@@ -45,7 +34,7 @@ pub(crate) fn legend_ui(
     }
     let lines = lines(shared);
     paint_lines(ui.painter(), &lines, area, plates);
-    if let Some(words) = clean_up_words(shared).filter(|_| !lines.is_empty()) {
+    if let Some(words) = shared.clean_up_words().filter(|_| !lines.is_empty()) {
         plates.text(ui.painter(), area, Align2::LEFT_BOTTOM, &words, theme::AMBER);
     }
     if shared.document.overlay.style.shows_scores() && !lines.is_empty() {
@@ -55,13 +44,6 @@ pub(crate) fn legend_ui(
         let painter = ui.painter().with_clip_rect(*pane);
         lines.iter().for_each(|line| tag(&painter, line, *picture, *pane, plates));
     }
-}
-
-/// Describes a clean-up of masks that is not the usual one.
-pub(crate) fn clean_up_words(shared: &Shared) -> Option<String> {
-    let clean_up = shared.document.content().clean_up;
-    let usual = shared.info().map(|info| CleanUp::usual(info.width, info.height));
-    clean_up::describe(clean_up).filter(|_| usual != Some(clean_up))
 }
 
 struct Line<'a> {
@@ -232,9 +214,9 @@ fn heat_scale(ui: &Ui, palette: Palette, area: Rect, plates: &mut Plates) {
 }
 
 fn difference_scale(ui: &Ui, area: Rect, plates: &mut Plates) {
-    let most = format!("{FULL_SCALE:.0} or more");
-    let ends = [("0", 0.0), (&*most, 1.0)];
-    scale(ui.painter(), area, plates, 260.0, &ends, "difference, levels of 255", |bar| {
+    let Scale { title, ends: [first, last], .. } = Scale::of_difference();
+    let ends = [(first.as_str(), 0.0), (last.as_str(), 1.0)];
+    scale(ui.painter(), area, plates, 260.0, &ends, title, |bar| {
         paint_ramp(ui.painter(), bar, difference_colour);
     });
 }
@@ -248,18 +230,10 @@ fn paint_ramp(painter: &Painter, bar: Rect, colour: impl Fn(f32) -> Color32) {
 
 fn layer_scale(ui: &Ui, shared: &Shared, area: Rect, plates: &mut Plates) {
     let Some(pane) = shared.picture().and_then(|p| p.layer.as_ref()) else { return };
-    let (low, high) = pane.range;
     let is_known = shared.info().is_some_and(|i| !i.shape_is_guessed());
-    let (title, ends) = match pane.layer {
-        Layer::Depth if is_known => {
-            ("depth, scene units", [format!("near {low:.1}"), format!("far {high:.1}")])
-        }
-        Layer::Depth => (GUESSED, ["near".into(), "far".into()]),
-        Layer::Motion => ("path over the recording, pixels", ["still".into(), format!("{high:.0} or more")]),
-        Layer::Opacity => ("opacity of the reconstruction", ["0".into(), "1".into()]),
-    };
-    let [first, last] = &ends;
-    scale(ui.painter(), area, plates, 280.0, &[(first, 0.0), (last, 1.0)], title, |bar| {
+    let Scale { title, ends: [first, last], .. } = Scale::of_layer(pane, is_known);
+    let ends = [(first.as_str(), 0.0), (last.as_str(), 1.0)];
+    scale(ui.painter(), area, plates, 280.0, &ends, title, |bar| {
         paint_ramp(ui.painter(), bar, |share| layer_colour(pane.layer, share));
     });
     if !pane.note.is_empty() {

@@ -3,7 +3,7 @@
 use crate::viewer::{
     action::Action,
     command::{Command, entry},
-    panels::widgets::{caption, choice},
+    panels::widgets::{add_unless, caption, choice},
     shared::Shared,
     state::marking::{RADII_PX, Tool},
     theme,
@@ -149,12 +149,13 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         ui.spacing_mut().item_spacing = vec2(4.0, 4.0);
         let clear = Button::new(RichText::new("Clear this frame").font(theme::small()));
         let tip = "Take all marks of this frame away (undo brings them back)";
-        if ui.add_enabled(here > 0, clear).on_hover_text(tip).clicked() {
+        let obstacle = (here == 0).then_some("Nothing is marked on this frame");
+        if add_unless(ui, obstacle, clear, tip).clicked() {
             actions.push(Action::edit(move |d| d.clear_marks(frame)));
         }
         let look = Button::new(RichText::new(entry(Command::LookHere).label).font(theme::small()));
         let tip = shared.tooltip(Command::LookHere);
-        if ui.add_enabled(shared.is_enabled(Command::LookHere), look).on_hover_text(tip).clicked() {
+        if add_unless(ui, shared.obstacle(Command::LookHere), look, tip).clicked() {
             actions.push(Action::Run(Command::LookHere));
         }
     });

@@ -3,6 +3,7 @@
 use crate::viewer::{
     action::Action,
     command::{Command, entry},
+    panels::widgets::add_unless,
     shared::Shared,
     theme,
 };
@@ -91,9 +92,8 @@ fn item(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, of: Command) {
         _ => entry.label.to_owned(),
     };
     let button = egui::Button::new(label).shortcut_text(shared.keys_text(of)).frame(false);
-    let response =
-        ui.add_enabled(shared.is_enabled(of), button.min_size(egui::vec2(ui.available_width(), 0.0)));
-    if response.on_hover_text(entry.tooltip).clicked() {
+    let button = button.min_size(egui::vec2(ui.available_width(), 0.0));
+    if add_unless(ui, shared.obstacle(of), button, entry.tooltip).clicked() {
         actions.push(Action::Run(of));
         ui.close();
     }
@@ -109,7 +109,9 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.menu_button("Recently opened", |ui| {
             for path in recent {
                 let button = egui::Button::new(shared.path_name(path)).frame(false);
-                if ui.add_enabled(path.exists(), button).on_hover_text(path.display().to_string()).clicked() {
+                let (place, is_gone) = (path.display().to_string(), !path.exists());
+                let obstacle = is_gone.then(|| format!("{place} is not there any more"));
+                if add_unless(ui, obstacle.as_deref(), button, place).clicked() {
                     actions.push(Action::Open(path.clone()));
                     ui.close();
                 }
@@ -117,7 +119,8 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             if !recent.is_empty() {
                 ui.separator();
             }
-            if ui.add_enabled(!recent.is_empty(), egui::Button::new("Forget these")).clicked() {
+            let forget = ui.add_enabled(!recent.is_empty(), egui::Button::new("Forget these"));
+            if forget.on_disabled_hover_text("Nothing is remembered").clicked() {
                 let remembers = shared.preferences.remembers_files;
                 actions.push(Action::prefer(move |p| p.forget_files(remembers)));
                 ui.close();

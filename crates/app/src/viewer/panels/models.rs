@@ -22,13 +22,54 @@ use std::{
 /// Networks to choose, with the check of them.
 pub(crate) struct ModelsForm {
     pub(crate) chosen: Models,
-    /// Check that is underway, with what it is about.
-    check: Option<(Models, Task<ModelFaults>)>,
-    /// Latest result, with what it is about.
-    checked: Option<(Models, Result<ModelFaults, String>)>,
+    check: Asked<ModelFaults>,
+    recording: PathBuf,
+    /// Folders of what networks found, perhaps in this recording.
+    folders: Vec<PathBuf>,
+    /// Folder of what the chosen networks found in the recording.
+    found: Asked<Option<PathBuf>>,
     picking: Picking,
     /// The field that a folder is picked for.
     picked_field: usize,
+}
+
+/// A question about networks, which is answered in the background.
+struct Asked<T> {
+    /// Question that is underway, with what it is about.
+    underway: Option<(Models, Task<T>)>,
+    /// Latest answer, with what it is about.
+    latest: Option<(Models, Result<T, String>)>,
+    /// Returns `true` if the answer for one says everything about the other.
+    is_alike: fn(&Models, &Models) -> bool,
+}
+
+impl<T: Send + 'static> Asked<T> {
+    fn new(is_alike: fn(&Models, &Models) -> bool) -> Self {
+        Self { underway: None, latest: None, is_alike }
+    }
+
+    /// Takes the answer of the thread.
+    fn poll(&mut self) {
+        if let Some(TaskEvent::Done(result)) = self.underway.as_mut().and_then(|(_, task)| task.poll())
+            && let Some((about, _)) = self.underway.take()
+        {
+            self.latest = Some((about, result.map_err(|e| message(&e))));
+        }
+    }
+
+    /// Asks about networks, unless that is underway or answered.
+    fn ask(&mut self, models: &Models, start: impl FnOnce(Models) -> Task<T>) {
+        let is_underway = self.underway.as_ref().is_some_and(|(about, _)| (self.is_alike)(about, models));
+        if !is_underway && self.about(models).is_none() {
+            self.underway = Some((models.clone(), start(models.clone())));
+        }
+    }
+
+    /// Returns the answer about networks, once it is there.
+    fn about(&self, models: &Models) -> Option<&Result<T, String>> {
+        let latest = self.latest.as_ref().filter(|(about, _)| (self.is_alike)(about, models));
+        latest.map(|(_, result)| result)
+    }
 }
 
 /// Numbers of points along each side of a picture, with their names.
@@ -39,8 +80,10 @@ const DENSITIES: [(usize, &str, &str); 3] = [
 ];
 
 impl ModelsForm {
-    pub(crate) fn new(chosen: Models) -> Self {
-        Self { chosen, check: None, checked: None, picking: Picking::default(), picked_field: 0 }
+    /// Makes the form for a recording. The folders hold what networks found, perhaps in it.
+    pub(crate) fn new(chosen: Models, recording: PathBuf, folders: Vec<PathBuf>) -> Self {
+        let (check, found) = (Asked::new(have_same_folders), Asked::new(find_the_same));
+        Self { chosen, check, recording, folders, found, picking: Picking::default(), picked_field: 0 }
     }
 
     /// Returns `true` if networks were chosen before.
@@ -53,19 +96,38 @@ impl ModelsForm {
         if let Some(folder) = self.picking.poll() {
             *self.field(self.picked_field) = folder;
         }
-        if let Some(TaskEvent::Done(result)) = self.check.as_mut().and_then(|(_, task)| task.poll())
-            && let Some((about, _)) = self.check.take()
-        {
-            self.checked = Some((about, result.map_err(|e| message(&e))));
+        self.check.poll();
+        self.found.poll();
+        let theirs = backend.clone();
+        if self.is_known() {
+            self.check.ask(&self.chosen, |models| {
+                Task::start("models", ctx, move |task| theirs.check_models(&models, task))
+            });
         }
-        let is_about = |about: &Models| have_same_folders(about, &self.chosen);
-        let is_checked = self.checked.as_ref().is_some_and(|(about, _)| is_about(about));
-        let is_underway = self.check.as_ref().is_some_and(|(about, _)| is_about(about));
-        if self.is_known() && !is_checked && !is_underway {
-            let (backend, models) = (backend.clone(), self.chosen.clone());
-            let task = Task::start("models", ctx, move |task| backend.check_models(&models, task));
-            self.check = Some((self.chosen.clone(), task));
+        if self.is_usable() && !self.folders.is_empty() {
+            let (theirs, recording, folders) =
+                (backend.clone(), self.recording.clone(), self.folders.clone());
+            self.found.ask(&self.chosen, |models| {
+                Task::start("found before", ctx, move |task| {
+                    theirs.found_before(&models, &recording, &folders, task)
+                })
+            });
         }
+    }
+
+    /// Returns `true` if nothing is wrong with the networks.
+    fn is_usable(&self) -> bool {
+        matches!(self.check.about(&self.chosen), Some(Ok(faults)) if faults.is_none())
+    }
+
+    /// Returns `true` while it is not known if the networks found something before.
+    fn is_looking(&self) -> bool {
+        !self.folders.is_empty() && self.found.about(&self.chosen).is_none()
+    }
+
+    /// Returns the folder of what the networks found in the recording before; `None` if there is none.
+    pub(crate) fn found(&self) -> Option<&PathBuf> {
+        self.found.about(&self.chosen)?.as_ref().ok()?.as_ref()
     }
 
     fn field(&mut self, index: usize) -> &mut PathBuf {
@@ -74,12 +136,6 @@ impl ModelsForm {
             1 => &mut self.chosen.images,
             _ => &mut self.chosen.texts,
         }
-    }
-
-    /// Returns the result of the check of what is chosen now.
-    fn result(&self) -> Option<&Result<ModelFaults, String>> {
-        let checked = self.checked.as_ref().filter(|(about, _)| have_same_folders(about, &self.chosen));
-        checked.map(|(_, result)| result)
     }
 
     fn pick(&mut self, field: usize, title: &str, backend: Arc<dyn Backend>, ctx: &Context) {
@@ -95,6 +151,11 @@ impl ModelsForm {
 /// Returns `true` if a check of one says everything about the other.
 fn have_same_folders(a: &Models, b: &Models) -> bool {
     (&a.masks, &a.images, &a.texts) == (&b.masks, &b.images, &b.texts)
+}
+
+/// Returns `true` if both find the same in a recording, whatever words it is compared with.
+fn find_the_same(a: &Models, b: &Models) -> bool {
+    (&a.masks, &a.images, a.points_per_side) == (&b.masks, &b.images, b.points_per_side)
 }
 
 /// Shows the choice of what words are found by; returns `true` if it can be used.
@@ -130,7 +191,7 @@ pub(crate) fn words_ui(
 
 /// Shows the fields of the networks and what is wrong with them; returns `true` if nothing is.
 fn models_ui(ui: &mut Ui, form: &mut ModelsForm, backend: &Arc<dyn Backend>) -> bool {
-    let faults = form.result().cloned();
+    let faults = form.check.about(&form.chosen).cloned();
     let fault = |of: fn(&ModelFaults) -> &Option<String>| match &faults {
         Some(Ok(faults)) => of(faults).clone(),
         _ => None,
@@ -175,18 +236,21 @@ fn models_ui(ui: &mut Ui, form: &mut ModelsForm, backend: &Arc<dyn Backend>) -> 
         let options = DENSITIES.map(|(points, label, tip)| (points, label, tip.to_owned(), true));
         choice(ui, &mut form.chosen.points_per_side, &options);
     });
-    let is_ready = matches!(&faults, Some(Ok(faults)) if faults.is_none());
+    let is_usable = form.is_usable();
     let (text, colour) = match &faults {
         _ if !form.is_known() => {
             ("The page about models says where such networks come from.".to_owned(), theme::TEXT_WEAK)
         }
         None => ("Trying the networks…".to_owned(), theme::TEXT_WEAK),
         Some(Err(problem)) => (problem.clone(), theme::ERROR),
-        Some(Ok(_)) if is_ready => ("These networks can be used.".to_owned(), theme::TEXT),
+        Some(Ok(_)) if is_usable && form.is_looking() => {
+            ("Looking for what they found before…".to_owned(), theme::TEXT_WEAK)
+        }
+        Some(Ok(_)) if is_usable => ("These networks can be used.".to_owned(), theme::TEXT),
         Some(Ok(_)) => ("These networks cannot be used yet.".to_owned(), theme::AMBER),
     };
     ui.label(RichText::new(text).font(theme::small()).color(colour));
-    is_ready
+    is_usable && !form.is_looking()
 }
 
 /// Returns what is missing about a folder, which can be seen without opening anything.

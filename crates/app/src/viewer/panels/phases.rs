@@ -4,7 +4,7 @@ use crate::viewer::{
     action::Action,
     backend::paths::taken,
     command::Command,
-    panels::widgets::{Icon, caption, dialog, icon_button, main_button, path_field},
+    panels::widgets::{Icon, add_unless, caption, dialog, icon_button, main_button, path_field},
     shared::{Dialog, Shared},
     state::phases::{self, CHOLEC80, Phase},
     text::timecode,
@@ -88,7 +88,9 @@ fn add_ui(ui: &mut Ui, asked: &mut Asked, (from, to): (usize, usize), actions: &
         });
         let is_named = !asked.name.trim().is_empty();
         let is_entered = field.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
-        if (ui.add_enabled(is_named, egui::Button::new("Add")).clicked() || is_entered) && is_named {
+        let add = ui.add_enabled(is_named, egui::Button::new("Add"));
+        let is_clicked = add.on_disabled_hover_text("Give it a name first").clicked();
+        if (is_clicked || is_entered) && is_named {
             let phase = Phase::new(&std::mem::take(&mut asked.name), from, to);
             actions.push(Action::edit(move |d| d.add_phase(phase)));
         }
@@ -148,13 +150,13 @@ fn files_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, actions: &mut Vec<A
     ui.horizontal_wrapped(|ui| {
         let phases = shared.document.phases();
         let seconds = |frame| shared.playback.seconds(frame);
-        let can_save = !phases.is_empty();
+        let obstacle = phases.is_empty().then_some("There is no phase yet");
         let tip = "Name, first and last frame, start and end of every phase, as a table (CSV)";
-        if ui.add_enabled(can_save, egui::Button::new("Save as table")).on_hover_text(tip).clicked() {
+        if add_unless(ui, obstacle, egui::Button::new("Save as table"), tip).clicked() {
             asked.said = Some(save(&asked.file.with_extension("csv"), &phases::csv(phases, seconds)));
         }
         let tip = "A line with number and phase of every frame, as in the dataset Cholec80";
-        if ui.add_enabled(can_save, egui::Button::new("Save as Cholec80")).on_hover_text(tip).clicked() {
+        if add_unless(ui, obstacle, egui::Button::new("Save as Cholec80"), tip).clicked() {
             asked.said = Some(save(&asked.file.with_extension("txt"), &phases::cholec80(phases)));
         }
         let tip = "Replaces the phases by those of the file, in either form (undo brings them back)";

@@ -13,9 +13,9 @@ use crate::viewer::{
         suggestions::suggestions_ui,
         threshold::{TIE, threshold_ui},
         training,
-        widgets::{Icon, caption, choice, command_button, icon_button, palette_ui, swatch},
+        widgets::{Icon, add_unless, caption, choice, command_button, icon_button, palette_ui, swatch},
     },
-    picture::{areas::Curve, found::Found, request::Finding},
+    picture::{found::Found, request::Finding},
     shared::Shared,
     state::content::{PREVIEW, Prompt},
     text::{percent, sentence},
@@ -99,8 +99,8 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         .return_key(None)
         .margin(Margin::symmetric(10, 8))
         .desired_width(f32::INFINITY);
-    let response =
-        ui.add_enabled(shared.takes_prompts(), field).on_hover_text(shared.tooltip(Command::FocusPrompt));
+    let (obstacle, tip) = (shared.obstacle(Command::FocusPrompt), shared.tooltip(Command::FocusPrompt));
+    let response = add_unless(ui, obstacle, field, tip);
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Prompt"));
     if prompt_box.wants_focus {
         response.request_focus();
@@ -356,22 +356,21 @@ fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, prompt: &Pr
             [("First", Command::FirstFound), ("Largest", Command::LargestFound), ("Last", Command::LastFound)]
         {
             let button = egui::Button::new(RichText::new(label).font(theme::small()));
-            if ui
-                .add_enabled(shared.is_enabled(command), button)
-                .on_hover_text(shared.tooltip(command))
-                .clicked()
-            {
+            if add_unless(ui, shared.obstacle(command), button, shared.tooltip(command)).clicked() {
                 actions.push(Action::Run(command));
             }
         }
     });
     // The line is there before the count, so that nothing moves when it comes.
     if prompt.is_visible && shared.can_ask() && shared.areas().is_some() {
-        let counted = shared.selected_curve().filter(Curve::is_complete).map(|curve| {
-            let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
-            format!("Found on {found} of {} frames", curve.points.len())
-        });
-        ui.label(caption(counted.unwrap_or_else(|| "Counting…".into())));
+        let text = match shared.selected_curve() {
+            Some(curve) if curve.has_no_answer() => "It cannot be looked for".into(),
+            Some(curve) if curve.is_complete() => {
+                format!("Found on {} of {} frames", curve.num_found(), curve.num_frames())
+            }
+            _ => "Counting…".into(),
+        };
+        ui.label(caption(text));
     }
 }
 

@@ -63,7 +63,8 @@ impl Measurement {
     fn start(shared: &Shared, ctx: &Context) -> Option<Self> {
         let info = shared.info()?;
         let (backend, scene) = (shared.backend.clone(), info.path.clone());
-        let task = Task::start("quality", ctx, move |task| backend.evaluate(&scene, task));
+        let left_out = shared.document.excluded().to_vec();
+        let task = Task::start("quality", ctx, move |task| backend.evaluate(&scene, &left_out, task));
         let folder = free_folder(&info.output_folder, &info.name, "quality");
         let inputs = Inputs::none()
             .with("the scene", &info.path)

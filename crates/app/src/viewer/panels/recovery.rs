@@ -43,14 +43,19 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     }
     let saving = &shared.saving;
     let is_wanted = !saving.is_recovery_put_off && saving.to_apply.is_none();
-    let is_here = |left: &&Left| shared.is_about_open(&left.session);
+    let is_here = |left: &&Left| !saving.for_later.contains(&left.id) && shared.is_about_open(&left.session);
     let Some(left) = saving.autosave.left.iter().find(is_here).filter(|_| is_wanted) else { return };
     let what = summary(shared, &left.session);
     let file = left.session.opened.display().to_string();
+    let is_of_other_frames = shared.info().is_some_and(|info| left.session.is_of_other_frames(info));
     let (answer, is_closed) = dialog(ctx, "recovery", 480.0, |ui| {
         ui.heading("Your last work was not saved");
         ui.label(what);
         ui.label(RichText::new(file).font(theme::small()).color(theme::TEXT_WEAK));
+        if is_of_other_frames {
+            let note = "The recording had other frames then: marks and bookmarks may not fit it any more.";
+            ui.label(RichText::new(note).font(theme::small()).color(theme::AMBER));
+        }
         ui.add_space(10.0);
         ui.horizontal_wrapped(|ui| {
             let restore = ui.add(main_button("Restore")).clicked();
@@ -67,7 +72,7 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     match answer {
         (true, ..) => actions.push(Action::Restore(left.id)),
         (_, _, true) => actions.push(Action::Discard(left.id)),
-        (_, is_later, _) if is_later || is_closed => actions.push(Action::RestoreLater),
+        (_, is_later, _) if is_later || is_closed => actions.push(Action::RestoreLater(left.id)),
         _ => {}
     }
 }

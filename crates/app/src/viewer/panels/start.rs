@@ -1,9 +1,14 @@
-//! The start page: ways to begin, what was opened last, and work that was left unsaved.
+//! The start page: ways to begin, what was opened last, work that is running, and work that was left unsaved.
 
 use crate::viewer::{
     action::Action,
     command::{Command, entry},
-    panels::{recovery::left_ui, widgets::caption},
+    panels::{
+        exporting::exporting_ui,
+        recovery::left_ui,
+        training::training_ui,
+        widgets::{add_unless, caption},
+    },
     shared::Shared,
     theme,
 };
@@ -40,6 +45,8 @@ fn page_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         });
         ui.add_space(12.0);
     }
+    exporting_ui(ui, shared, actions);
+    training_ui(ui, shared, actions);
     left_ui(ui, shared, actions);
     for (command, text) in [
         (Command::OpenFile, "Open a video or a file…"),
@@ -61,8 +68,7 @@ fn page_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Shows a way to begin, as a large button with an explanation.
 fn begin_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, command: Command, text: &str) {
     let button = Button::new(RichText::new(text).size(17.0)).min_size(vec2(ui.available_width(), 44.0));
-    let response = ui.add_enabled(shared.is_enabled(command), button);
-    if response.on_hover_text(shared.tooltip(command)).clicked() {
+    if add_unless(ui, shared.obstacle(command), button, shared.tooltip(command)).clicked() {
         actions.push(Action::Run(command));
     }
     ui.label(caption(entry(command).tooltip));
@@ -84,7 +90,9 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         frame.show(ui, |ui| {
             let button = Button::new(format!("{name}{missing}"));
             let button = button.truncate().min_size(vec2(ui.available_width(), theme::CONTROL_HEIGHT));
-            if ui.add_enabled(exists, button).on_hover_text(path.display().to_string()).clicked() {
+            let place = path.display().to_string();
+            let response = ui.add_enabled(exists, button).on_hover_text(&place);
+            if response.on_disabled_hover_text(&place).clicked() {
                 actions.push(Action::Open(path.clone()));
             }
             ui.add(egui::Label::new(caption(folder)).truncate());

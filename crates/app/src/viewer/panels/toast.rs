@@ -13,7 +13,7 @@ use crate::viewer::{
 };
 use egui::{Align2, Area, Frame, Id, Margin, Rect, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
 
-/// Shows the message over the lower middle of the picture, if there is one.
+/// Shows the message over the lower middle of the picture or of the start page, if there is one.
 pub(crate) fn toast_ui(
     ui: &mut Ui,
     shared: &Shared,

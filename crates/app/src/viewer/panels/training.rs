@@ -4,6 +4,7 @@ use crate::viewer::{
     action::Action,
     backend::{
         Backend, SCENE, TrainRequest, Words,
+        earlier::{Earlier, StoppedScene, new_features_beside},
         paths::{PathAsk, PathKind, free_path, taken, with_extension},
     },
     command::{Command, entry},
@@ -41,6 +42,12 @@ struct Asked {
     chapters: usize,
     /// The networks to choose, and their check.
     models: ModelsForm,
+    /// Scene whose training was stopped. Its file is offered, and replaced, if that can be gone on with.
+    stopped: Option<StoppedScene>,
+    /// File that is offered otherwise.
+    free: PathBuf,
+    /// File that was offered last.
+    offered: PathBuf,
     /// File that the user agreed to replace.
     agreed: Option<PathBuf>,
     picking: Picking,
@@ -51,8 +58,11 @@ impl Asked {
     fn new(shared: &Shared) -> Option<Self> {
         let info = shared.info()?;
         let (recording, name) = (info.recording.clone()?, &info.name);
-        let scene = free_path(&info.output_folder, name, SCENE, &shared.reconstruction.planned_scenes());
-        let models = ModelsForm::new(shared.preferences.models.clone());
+        let planned = shared.reconstruction.planned_scenes();
+        let Earlier { stopped, features } = Earlier::on(info);
+        let stopped = stopped.filter(|stopped| !planned.contains(&stopped.path));
+        let free = free_path(&info.output_folder, name, SCENE, &planned);
+        let models = ModelsForm::new(shared.preferences.models.clone(), recording.clone(), features);
         let words = if info.has_labels {
             Words::Labels
         } else if models.is_known() {
@@ -61,8 +71,9 @@ impl Asked {
             Words::Nothing
         };
         let excluded = shared.document.excluded().to_vec();
-        let quality = Quality::default();
-        let request = TrainRequest { recording, scene, replaces: false, quality, excluded, words };
+        let quality = stopped.as_ref().and_then(|stopped| stopped.quality(&excluded)).unwrap_or_default();
+        let (scene, replaces, features) = (free.clone(), false, None);
+        let request = TrainRequest { recording, scene, replaces, quality, excluded, words, features };
         let pace = shared.preferences.seconds_per_step_and_pixel;
         Some(Self {
             request,
@@ -71,6 +82,9 @@ impl Asked {
             expected_seconds: Quality::ALL
                 .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
             models,
+            stopped,
+            offered: free.clone(),
+            free,
             agreed: None,
             picking: Picking::default(),
         })
@@ -91,10 +105,39 @@ impl Asked {
         self.picking.ask(ask, backend, ctx);
     }
 
-    /// Returns what is asked for: with the extension of a scene, and to replace what the user agreed to.
+    /// Returns the file of the scene whose training is gone on with; `None` if it would begin anew.
+    fn resumed(&self) -> Option<&PathBuf> {
+        let TrainRequest { quality, excluded, words, .. } = &self.request;
+        let goes_on = |stopped: &&StoppedScene| {
+            stopped.quality(excluded).as_ref() == Some(quality) && stopped.finds(words)
+        };
+        self.stopped.as_ref().filter(goes_on).map(|stopped| &stopped.path)
+    }
+
+    /// Offers the file for what is asked for now, unless the user chose another one.
+    fn offer(&mut self) {
+        let offer = self.resumed().unwrap_or(&self.free).clone();
+        let before = std::mem::replace(&mut self.offered, offer);
+        if self.request.scene == before {
+            self.request.scene.clone_from(&self.offered);
+        }
+    }
+
+    /// Returns what is asked for: with the extension of a scene, and to replace what is gone on with or what
+    /// the user agreed to.
     fn asked_request(&self) -> TrainRequest {
         let scene = with_extension(&self.request.scene, SCENE);
-        TrainRequest { replaces: self.agreed.as_ref() == Some(&scene), scene, ..self.request.clone() }
+        let replaces = self.resumed() == Some(&scene) || self.agreed.as_ref() == Some(&scene);
+        TrainRequest { replaces, scene, ..self.request.clone() }
+    }
+
+    /// Returns the request to start, with the folder for what networks find: nothing that others found is
+    /// replaced.
+    fn started_request(&self) -> TrainRequest {
+        let request = self.asked_request();
+        let found = || self.models.found().cloned().unwrap_or_else(|| new_features_beside(&request.scene));
+        let features = matches!(request.words, Words::Models(_)).then(found);
+        TrainRequest { features, ..request }
     }
 
     /// Says why the scene cannot be saved under its name; `None` if it can. Other scenes are `planned`.
@@ -120,7 +163,8 @@ fn memory_warning(available_bytes: u64) -> Option<String> {
     })
 }
 
-/// Shows the section of the right panel: an offer to reconstruct, or the progress.
+/// Shows the section of the right panel and of the start page: what is finished, the progress, and an offer
+/// to reconstruct.
 pub(crate) fn training_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     reconstructed_ui(ui, shared, actions);
     let is_bare = shared.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
@@ -169,24 +213,27 @@ fn offer_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         ui.add_space(4.0);
         ui.add_enabled_ui(can_start, |ui| ui.add_sized(size, large(reconstruct))).inner
     };
+    let obstacle = shared.obstacle(Command::Reconstruct).unwrap_or_default();
+    let response = response.on_disabled_hover_text(obstacle);
     if response.on_hover_text(shared.tooltip(Command::Reconstruct)).clicked() {
         actions.push(Action::Run(Command::Reconstruct));
     }
 }
 
-/// Offers to open a finished reconstruction while something else is shown.
+/// Offers to open finished reconstructions while something else is shown, or the window is busy.
 fn reconstructed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    let Some(scene) = &shared.reconstruction.finished else { return };
-    ui.label(format!("{} is reconstructed.", shared.path_name(scene)));
-    ui.horizontal(|ui| {
-        if ui.add(main_button("Open it")).clicked() {
-            actions.push(Action::Open(scene.clone()));
-        }
-        if ui.button("Not now").clicked() {
-            actions.push(Action::ForgetFinished);
-        }
-    });
-    ui.add_space(10.0);
+    for scene in &shared.reconstruction.finished {
+        ui.label(format!("{} is reconstructed.", shared.path_name(scene)));
+        ui.horizontal(|ui| {
+            if ui.add(main_button("Open it")).clicked() {
+                actions.push(Action::Open(scene.clone()));
+            }
+            if ui.button("Not now").clicked() {
+                actions.push(Action::ForgetFinished(scene.clone()));
+            }
+        });
+        ui.add_space(10.0);
+    }
 }
 
 fn progress_ui(ui: &mut Ui, shared: &Shared, training: &Training) {
@@ -300,7 +347,7 @@ impl TrainDialog {
             if let Words::Models(models) = asked.request.words.clone() {
                 actions.push(Action::prefer(move |p| p.models = models));
             }
-            actions.push(Action::Train(asked.asked_request()));
+            actions.push(Action::Train(asked.started_request()));
         }
         if starts || is_cancelled || is_closed {
             actions.push(Action::CloseDialog);
@@ -322,6 +369,10 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Opt
     ui.add_space(8.0);
     let is_ready =
         words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, &shared.backend);
+    asked.offer();
+    if matches!(asked.request.words, Words::Models(_)) && asked.models.found().is_some() {
+        ui.label(caption("What these networks found in it before is used again."));
+    }
     if asked.chapters > 1 {
         ui.label(caption(format!(
             "It is long, and is reconstructed in about {} parts, one after the other. Parts that are done can be \
@@ -340,6 +391,11 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Opt
         path_field(ui, "File of the reconstruction", &mut asked.request.scene);
     });
     asked.picking.note_ui(ui);
+    if asked.resumed().is_some_and(|scene| *scene == asked.asked_request().scene) {
+        ui.label(caption(
+            "It was stopped before its end. Parts that are done are kept, and it goes on with the others.",
+        ));
+    }
     let fault = asked.fault(&shared.reconstruction.planned_scenes());
     if let Some(why) = &fault {
         ui.label(RichText::new(why).font(theme::small()).color(theme::AMBER));

@@ -16,14 +16,16 @@ use crate::viewer::{
         room::Room,
         ruler::{self, Ruler},
         start, toast,
-        widgets::{GUESSED, choice},
+        widgets::choice,
     },
     picture::{
         difference::Difference,
+        notes::{FADED, SYNTHESISED},
         request::{AskedPrompt, Finding},
     },
     shared::Shared,
     state::{
+        excluded::EXCLUDED,
         view_mode::ViewMode,
         zoom::{Panes, Zoom},
     },
@@ -35,11 +37,6 @@ use egui::{
     Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 use surgtpgs_core::camera::MAX_STILL_DEGREES;
-
-/// Message in place of an excluded frame.
-pub(crate) const EXCLUDED: &str = "This frame is left out of everything";
-/// Message where a turned view shows more than was recorded.
-const FADED: &str = "Faded: not seen by the endoscope on this frame";
 
 /// The toolbar and the picture.
 #[derive(Default)]
@@ -55,7 +52,9 @@ impl ViewportPanel {
             problem_ui(ui, actions, problem);
         }
         if shared.open.is_none() {
+            let area = ui.available_rect_before_wrap();
             start::start_ui(ui, shared, actions);
+            toast::toast_ui(ui, shared, actions, &mut Plates::default(), area);
             return;
         }
         let frame = Frame::new().inner_margin(Margin::symmetric(12, 6));
@@ -188,7 +187,11 @@ fn toolbar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             .concat()
             .iter()
             .filter(is_shown)
-            .map(|m| (*m, m.label(), shared.tooltip(command(*m)), info.is_some_and(|i| m.is_possible(i))))
+            .map(|m| {
+                let obstacle = info.and_then(|info| m.obstacle(info));
+                let tip = obstacle.map_or_else(|| shared.tooltip(command(*m)), str::to_owned);
+                (*m, m.label(), tip, obstacle.is_none())
+            })
             .collect();
         let mut mode = shared.document.mode;
         choice(ui, &mut mode, &options);
@@ -256,23 +259,10 @@ fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     }
     plates.text(&painter, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, pane.label), theme::TEXT);
     if !pane.label.starts_with("Recorded") {
-        for text in cautions(shared) {
+        for text in shared.cautions() {
             plates.text(&painter, pane.visible(), Align2::LEFT_TOP, &text, theme::AMBER);
         }
     }
-}
-
-/// Returns what must be known about the reconstruction wherever it is seen.
-fn cautions(shared: &Shared) -> impl Iterator<Item = String> {
-    let info = shared.info();
-    let guessed = info.filter(|i| i.shape_is_guessed()).map(|_| GUESSED.to_owned());
-    let shown = shared.picture().map_or(0, |p| p.request.view.frame);
-    let unfinished = info.filter(|i| i.is_unfinished()).map(|info| match shared.is_reconstructing() {
-        _ if info.is_unlearned(shown) => "This part is not reconstructed yet".to_owned(),
-        true => "Still being learned".to_owned(),
-        false => format!("Stopped early, after {:.0} % of its learning", 100.0 * info.learned),
-    });
-    unfinished.into_iter().chain(guessed)
 }
 
 /// Formats the number of the frame on the screen, which may still be the previous one while the next is made.
@@ -301,7 +291,7 @@ fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let all = ui.painter().with_clip_rect(pane.rect);
     plates.text(&all, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, "Recorded"), theme::TEXT);
     plates.text(&all, pane.visible(), Align2::RIGHT_TOP, "Reconstruction", theme::TEXT);
-    for text in cautions(shared) {
+    for text in shared.cautions() {
         plates.text(&all, pane.visible(), Align2::RIGHT_TOP, &text, theme::AMBER);
     }
 }
@@ -332,8 +322,8 @@ fn wipe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, area: Rect) 
 fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool, plates: &mut Plates) {
     let painter = ui.painter();
     painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
-    let text = "Synthesised view – not what the endoscope saw  ·  R returns";
-    plates.text(painter, rect, Align2::RIGHT_TOP, text, theme::AMBER);
+    let text = format!("{SYNTHESISED}  ·  R returns");
+    plates.text(painter, rect, Align2::RIGHT_TOP, &text, theme::AMBER);
     if is_faded {
         plates.text(painter, rect, Align2::RIGHT_TOP, FADED, theme::AMBER);
     }
@@ -408,12 +398,12 @@ fn describe(shared: &Shared, panes: &[PaneView]) -> String {
         }
     }
     if panes.iter().any(|p| !p.label.starts_with("Recorded")) {
-        cautions(shared).for_each(|caution| text += &format!(", {caution}"));
+        shared.cautions().iter().for_each(|caution| text += &format!(", {caution}"));
     }
     if shared.document.is_hidden {
         return text + ", overlays hidden";
     }
-    if let Some(words) = legend::clean_up_words(shared).filter(|_| !picture.findings.is_empty()) {
+    if let Some(words) = shared.clean_up_words().filter(|_| !picture.findings.is_empty()) {
         text += &format!(", {words}");
     }
     for finding in &picture.findings {

@@ -6,8 +6,8 @@ use crate::viewer::{
     theme,
 };
 use egui::{
-    Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2,
-    vec2,
+    Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, Widget, WidgetInfo,
+    WidgetText, pos2, vec2,
 };
 use surgtpgs_core::palette::Palette;
 
@@ -171,8 +171,22 @@ fn arc(centre: Pos2, radius: f32, from: f32, to: f32) -> Vec<Pos2> {
     (0..=20).map(|i| at(from + (to - from) * i as f32 / 20.0)).collect()
 }
 
+/// Adds a widget that is grey while there is an obstacle. Its tooltip says what it is for, or what is in its
+/// way.
+pub(crate) fn add_unless(
+    ui: &mut Ui,
+    obstacle: Option<&str>,
+    widget: impl Widget,
+    tooltip: impl Into<WidgetText>,
+) -> Response {
+    let response = ui.add_enabled(obstacle.is_none(), widget);
+    let Some(obstacle) = obstacle else { return response.on_hover_text(tooltip) };
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_description(obstacle));
+    response.on_disabled_hover_text(obstacle)
+}
+
 /// Shows several options side by side to choose one of: (value, label, tooltip, enabled). They are wrapped
-/// where there is no room.
+/// where there is no room. The tooltip of one that is not enabled says why.
 pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &[(T, &str, String, bool)]) {
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing = vec2(2.0, 2.0);
@@ -180,7 +194,8 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
             for (option, label, tooltip, is_enabled) in options {
                 let button = egui::Button::selectable(*value == *option, *label);
                 let button = button.min_size(vec2(0.0, theme::CONTROL_HEIGHT)).frame_when_inactive(true);
-                if ui.add_enabled(*is_enabled, button).on_hover_text(tooltip).clicked() {
+                let response = ui.add_enabled(*is_enabled, button).on_hover_text(tooltip);
+                if response.on_disabled_hover_text(tooltip).clicked() {
                     *value = *option;
                 }
             }
@@ -283,9 +298,6 @@ pub(crate) fn focus_ring(painter: &Painter, rect: Rect, response: &Response) {
 pub(crate) fn main_button(text: &str) -> egui::Button<'_> {
     egui::Button::new(text).fill(theme::SELECTION).min_size(vec2(0.0, 36.0))
 }
-
-/// Message where the depth of the reconstruction was not measured.
-pub(crate) const GUESSED: &str = "The shape is guessed";
 
 /// Shows a field to type a path into, as wide as there is room.
 pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf) {

@@ -3,7 +3,7 @@
 //! Areas are kept for all thresholds at once: moving a threshold redraws the curve and computes nothing.
 
 use crate::{engine::Question, viewer::state::marks::MarkList};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use surgtpgs_core::{grid::Grid, marks::LookHere, mask::CleanUp};
 
 /// A quantity that is counted on every frame: the area of a question. Where masks are cleaned up, the area
@@ -198,9 +198,18 @@ impl Counted {
 #[derive(Debug, Default)]
 pub(crate) struct Areas {
     num_frames: usize,
-    prompts: HashMap<Measure, Vec<Option<Levels>>>,
+    prompts: HashMap<Measure, Counts>,
     /// Places where one more mark would help most, in the order of their frames.
     look_here: Vec<LookHere>,
+}
+
+/// Counts of all frames for one prompt.
+#[derive(Debug)]
+struct Counts {
+    /// Levels by frame; `None` where they are not known yet, and where the prompt has no answer.
+    levels: Vec<Option<Levels>>,
+    /// Frames on which the prompt has no answer.
+    unanswered: BTreeSet<usize>,
 }
 
 impl Areas {
@@ -218,10 +227,14 @@ impl Areas {
         }
         self.prompts.retain(|measure, _| !measured.forgotten.contains(measure));
         for (measure, levels) in measured.prompts {
-            let frames = self.prompts.entry(measure).or_insert_with(|| vec![None; self.num_frames]);
-            if let Some(place) = frames.get_mut(measured.frame) {
-                *place = levels;
-            }
+            let unknown = || Counts { levels: vec![None; self.num_frames], unanswered: BTreeSet::new() };
+            let counts = self.prompts.entry(measure).or_insert_with(unknown);
+            let Some(place) = counts.levels.get_mut(measured.frame) else { continue };
+            match &levels {
+                Some(_) => counts.unanswered.remove(&measured.frame),
+                None => counts.unanswered.insert(measured.frame),
+            };
+            *place = levels;
         }
     }
 
@@ -239,17 +252,18 @@ impl Areas {
     }
 
     /// Returns `true` if there is such a place.
-    pub(crate) fn knows_where_to_look(&self) -> bool {
-        !self.look_here.is_empty()
+    pub(crate) fn knows_where_to_look(&self, counts: impl Fn(usize) -> bool) -> bool {
+        self.look_here.iter().any(|here| counts(here.frame))
     }
 
     /// Returns the area of a prompt over time; `None` before the first frame was counted.
     pub(crate) fn curve(&self, measure: &Measure, threshold: f32) -> Option<Curve> {
-        let frames = self.prompts.get(measure)?;
+        let counts = self.prompts.get(measure)?;
         let point = |levels: &Option<Levels>| {
             levels.as_ref().map(|l| Point { area_px: l.area_px(threshold), num_px: l.num_px })
         };
-        Some(Curve { points: frames.iter().map(point).collect() })
+        let curve = Curve::new(counts.levels.iter().map(point).collect());
+        Some(Curve { unanswered: counts.unanswered.iter().copied().collect(), ..curve })
     }
 }
 
@@ -270,20 +284,64 @@ impl Point {
 /// Area of a prompt over time.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Curve {
-    /// Points by frame; `None` where the area is not known yet.
+    /// Points by frame; `None` where the area is not known yet, where the frame does not count, and where the
+    /// prompt has no answer.
     pub(crate) points: Vec<Option<Point>>,
+    /// Frames that count and on which the prompt has no answer, in order.
+    unanswered: Vec<usize>,
+    /// Number of frames that count.
+    num_frames: usize,
 }
 
 impl Curve {
+    /// Makes a curve of which every frame counts.
+    pub(crate) fn new(points: Vec<Option<Point>>) -> Self {
+        Self { num_frames: points.len(), points, unanswered: Vec::new() }
+    }
+
+    /// Leaves out ranges of frames, which are in order and apart.
+    pub(crate) fn without(mut self, ranges: &[(usize, usize)]) -> Self {
+        let mut num_left_out = 0;
+        for &(from, to) in ranges {
+            for point in self.points.iter_mut().take(to.saturating_add(1)).skip(from) {
+                *point = None;
+                num_left_out += 1;
+            }
+        }
+        self.num_frames = self.points.len() - num_left_out;
+        self.unanswered.retain(|frame| !ranges.iter().any(|(from, to)| (*from..=*to).contains(frame)));
+        self
+    }
+
+    /// Returns `true` if the prompt cannot be looked for: it has no answer on any frame that was counted.
+    pub(crate) fn has_no_answer(&self) -> bool {
+        !self.unanswered.is_empty() && self.num_known() == 0
+    }
+
+    /// Returns the number of frames that count and whose area is known.
+    pub(crate) fn num_known(&self) -> usize {
+        self.points.iter().flatten().count()
+    }
+
+    /// Returns the number of frames that count.
+    pub(crate) fn num_frames(&self) -> usize {
+        self.num_frames
+    }
+
+    /// Returns the number of frames on which something is found.
+    pub(crate) fn num_found(&self) -> usize {
+        self.found().count()
+    }
+
     /// Returns the largest distance of two known frames that a line is drawn between: that of the frames which
     /// are counted first, until all are known.
     pub(crate) fn reach(&self) -> usize {
         if self.is_complete() { 1 } else { strides(self.points.len())[0] }
     }
 
-    /// Returns `true` if all frames are known.
+    /// Returns `true` if all frames that count were counted, as far as the prompt has an answer on them.
     pub(crate) fn is_complete(&self) -> bool {
-        self.points.iter().all(Option::is_some)
+        self.num_known() + self.unanswered.len() == self.num_frames
     }
 
     /// Returns the first frame on which something is found.
@@ -394,6 +452,39 @@ mod tests {
     }
 
     #[test]
+    fn frames_that_are_left_out_do_not_count() {
+        let mut areas = Areas::new(7);
+        for (frame, area) in [0, 9, 3, 6, 6, 1].into_iter().enumerate() {
+            areas.take(measured(frame, area));
+        }
+        let curve = areas.curve(&question("liver"), 0.4).unwrap();
+        assert!(!curve.is_complete());
+        let curve = curve.without(&[(1, 3), (6, 6)]);
+        assert!(curve.is_complete(), "the frame that is not known does not count");
+        assert_eq!((curve.first(), curve.largest(), curve.last()), (Some(4), Some(4), Some(5)));
+        assert_eq!((curve.num_found(), curve.num_frames()), (2, 3));
+        assert_eq!(csv([("liver", 0.4, curve)].into_iter(), |_| 0.0).lines().count(), 4);
+    }
+
+    #[test]
+    fn frames_without_an_answer_are_counted_and_have_no_area() {
+        let mut areas = Areas::new(3);
+        let unanswered = |frame| Measured { prompts: vec![(question("liver"), None)], ..measured(frame, 0) };
+        areas.take(unanswered(0));
+        let curve = |areas: &Areas| areas.curve(&question("liver"), 0.4).unwrap();
+        assert!(curve(&areas).has_no_answer() && !curve(&areas).is_complete());
+        areas.take(measured(1, 4));
+        areas.take(unanswered(2));
+        assert!(curve(&areas).is_complete() && !curve(&areas).has_no_answer());
+        let shorter = curve(&areas).without(&[(2, 2)]);
+        assert!(shorter.is_complete());
+        assert_eq!((shorter.num_known(), shorter.num_frames()), (1, 2));
+        areas.take(measured(2, 4));
+        assert!(curve(&areas).is_complete());
+        assert_eq!(curve(&areas).num_known(), 2);
+    }
+
+    #[test]
     fn every_frame_is_counted_once_for_every_prompt() {
         let mut counted = Counted::new(3);
         let liver = [question("liver")];
@@ -435,7 +526,7 @@ mod tests {
             assert!(num_frames / strides[0] <= FIRST_FRAMES && strides.ends_with(&STRIDES));
             assert!(strides.windows(2).all(|pair| pair[0] == pair[1] * COARSER));
         }
-        let nowhere = Curve { points: vec![None; 50_000] };
+        let nowhere = Curve::new(vec![None; 50_000]);
         assert_eq!(nowhere.reach(), 4096);
     }
 

@@ -16,7 +16,7 @@ use surgtpgs_core::{
 
 /// State of the view that a copy is made of.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shown {
+pub(crate) struct Shown<'a> {
     pub(crate) mode: ViewMode,
     /// `true` if everything drawn over the picture is hidden.
     pub(crate) is_hidden: bool,
@@ -24,12 +24,14 @@ pub(crate) struct Shown {
     pub(crate) wipe: f32,
     /// Time of the frame, seconds.
     pub(crate) seconds: f64,
+    /// Cautions and other notes, which are written below the title.
+    pub(crate) notes: &'a [String],
 }
 
 /// Makes a copy of what is shown, at the size of the picture: with what was found, its names, frame and time,
-/// and the words about its use. `seen` is the part of each pane's picture that is seen, as share of it.
-/// `None` if nothing is shown.
-pub(crate) fn copy(picture: &Picture, shown: Shown, seen: &[Rect]) -> Option<ColorImage> {
+/// what must be known about it, and the words about its use. `seen` is the part of each pane's picture that
+/// is seen, as share of it. `None` if nothing is shown.
+pub(crate) fn copy(picture: &Picture, shown: Shown<'_>, seen: &[Rect]) -> Option<ColorImage> {
     let parts = parts(picture, shown);
     let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
     let parts: Vec<RgbImage> =
@@ -52,14 +54,14 @@ pub(crate) fn copy(picture: &Picture, shown: Shown, seen: &[Rect]) -> Option<Col
     if is_marked && !found.is_empty() && picture.request.look.style.shows_scores() {
         draw_scale(&mut all, picture.request.look.palette);
     }
-    let mode = shown.mode.label();
-    caption(&mut all, &format!("{mode}  {}", frame_words(picture.request.view.frame, shown.seconds)), &found);
+    let title = frame_words(picture.request.view.frame, shown.seconds);
+    caption(&mut all, &format!("{}  {title}", shown.mode.label()), shown.notes, &found);
     stamp(&mut all);
     Some(color_image(&all))
 }
 
 /// Returns the pictures that are shown side by side.
-fn parts(picture: &Picture, shown: Shown) -> Vec<RgbImage> {
+fn parts(picture: &Picture, shown: Shown<'_>) -> Vec<RgbImage> {
     let pane = |pane: &Option<crate::viewer::picture::request::Pane>| {
         let pane = pane.as_ref()?;
         let marked = pane.marked.as_ref().filter(|_| !shown.is_hidden);

@@ -9,6 +9,7 @@ pub(crate) mod found;
 pub(crate) mod layer_colours;
 pub(crate) mod marks;
 pub(crate) mod meshes;
+pub(crate) mod notes;
 #[cfg(test)]
 mod on_adapter;
 pub(crate) mod open;

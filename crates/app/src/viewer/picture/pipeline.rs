@@ -2,7 +2,7 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::{Pending, Question};
+use crate::engine::{Pending, Question, frames_around};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Parts, Rendering},
     picture::{
@@ -337,8 +337,8 @@ impl Pipeline {
         }
     }
 
-    /// Returns the scores of a view, averaged over `reach` frames before and after. Afterwards the view is
-    /// the last of the rendered ones.
+    /// Returns the scores of a view, averaged over `reach` frames of its shot before and after. Afterwards the
+    /// view is the last of the rendered ones.
     fn answers(
         &mut self,
         view: &FrameView,
@@ -347,9 +347,8 @@ impl Pipeline {
         reach: usize,
     ) -> Result<Vec<PromptScores>> {
         let asks = !questions.is_empty();
-        let last = self.source.info().num_frames.saturating_sub(1);
         let reach = if asks { reach } else { 0 };
-        let around = view.frame.saturating_sub(reach)..=(view.frame + reach).min(last.max(view.frame));
+        let around = frames_around(view.frame, reach, &self.source.shot_of(view.frame));
         let mut neighbours: Vec<Vec<Scores>> = Vec::new();
         for frame in around.filter(|frame| *frame != view.frame) {
             let beside = FrameView { frame, ..*view };

@@ -12,6 +12,7 @@ use crate::viewer::{
 };
 use image::{Rgb, RgbImage};
 use std::{
+    ops::Range,
     sync::{Arc, Mutex},
     time::Duration,
 };
@@ -33,6 +34,8 @@ struct Telling {
     side: u32,
     rendered: Arc<Mutex<Vec<usize>>>,
     parts: Arc<Mutex<Vec<Parts>>>,
+    /// First frame after a cut.
+    cut: usize,
     /// Frame that takes until a request for another one waits.
     endless: Option<usize>,
     pending: Arc<Pending>,
@@ -41,6 +44,9 @@ struct Telling {
 impl FrameSource for Telling {
     fn info(&self) -> &Info {
         &self.info
+    }
+    fn shot_of(&self, frame: usize) -> Range<usize> {
+        if frame < self.cut { 0..self.cut } else { self.cut..FRAMES }
     }
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
         Ok(RgbImage::from_pixel(self.side, self.side, Rgb([frame as u8, 1, 1])))
@@ -98,6 +104,7 @@ fn telling(side: u32) -> Telling {
         side,
         rendered: Arc::default(),
         parts: Arc::default(),
+        cut: FRAMES,
         endless: None,
         pending: Arc::default(),
     }
@@ -332,15 +339,16 @@ fn a_half_size_preview_prepares_nothing() {
 
 #[test]
 fn smoothing_over_time_is_the_mean_of_the_frames_around_on_the_picture_and_on_the_curve() {
-    let (mut pipeline, _) = pipeline(8);
+    let mut pipeline = Pipeline::new(Box::new(Telling { cut: 30, ..telling(8) }));
     let clean_up = CleanUp { smooth_frames: 2, ..CleanUp::default() };
     let smooth = |frame: usize| {
         let mut asked = Request { clean_up, ..request(frame) };
         asked.prompts[0].threshold = 0.01;
         asked
     };
-    // Means over frames 0, 1 and 2 around the first one, and over five frames around the tenth.
-    for (frame, mean) in [(0, 0.02), (10, 0.11)] {
+    // Means over frames 0, 1 and 2 around the first one, over five frames around the tenth, and over three frames
+    // on either side of a cut.
+    for (frame, mean) in [(0, 0.02), (10, 0.11), (29, 0.29), (30, 0.32)] {
         let picture = pipeline.produce(smooth(frame));
         let found = picture.findings[0].outcome.clone().unwrap();
         assert!((found.max_score - mean).abs() < 1e-6, "{}", found.max_score);

@@ -14,6 +14,7 @@ use crate::{
 };
 use image::RgbImage;
 use std::{
+    ops::Range,
     sync::{
         Arc,
         atomic::{AtomicU64, Ordering},
@@ -124,6 +125,9 @@ impl Timed {
 impl FrameSource for Timed {
     fn info(&self) -> &Info {
         self.source.info()
+    }
+    fn shot_of(&self, frame: usize) -> Range<usize> {
+        self.source.shot_of(frame)
     }
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
         self.time(|source| source.original(frame))

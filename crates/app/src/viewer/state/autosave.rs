@@ -5,7 +5,10 @@
 //! beside a free lock was left behind, and is offered to the user.
 
 use crate::viewer::{
-    backend::task::{Task, TaskEvent},
+    backend::{
+        Info,
+        task::{Task, TaskEvent},
+    },
     state::session::Session,
 };
 use std::{
@@ -80,13 +83,13 @@ impl Place {
 /// Number of a session that was left, which no other one has while the window is open.
 pub(crate) type LeftId = u64;
 
-/// A session that another window left behind, or that this one put aside.
+/// A session that another window left behind, or that this one put aside or made its own.
 pub(crate) struct Left {
     pub(crate) id: LeftId,
     pub(crate) session: Session,
     /// Place of its file; `None` if it is in memory alone.
     place: Option<Place>,
-    /// `true` if this window put it aside.
+    /// `true` if this window put it aside, or used a part of it.
     pub(crate) is_own: bool,
     /// `false` if its file lacks changes, because it could not be written.
     is_kept: bool,
@@ -229,10 +232,12 @@ impl Autosave {
         self.left.iter().find(|left| left.id == id)
     }
 
-    /// Moves the newest session of `opened` to the front of the sessions left, and returns it; `None` if there
-    /// is none.
-    pub(crate) fn recall(&mut self, opened: &Path) -> Option<&Left> {
-        let at = self.left.iter().position(|left| left.session.opened == opened)?;
+    /// Moves the newest session about a scene or recording to the front of the sessions left, and returns it;
+    /// `None` if there is none. One that was made on other frames is the last choice.
+    pub(crate) fn recall(&mut self, info: &Info) -> Option<&Left> {
+        let is_about = |left: &Left| left.session.is_about(info);
+        let fits = |left: &Left| is_about(left) && !left.session.is_of_other_frames(info);
+        let at = self.left.iter().position(fits).or_else(|| self.left.iter().position(is_about))?;
         self.left[..=at].rotate_right(1);
         self.left.first()
     }
@@ -247,6 +252,11 @@ impl Autosave {
             self.written = left.is_kept.then_some(left.session);
             self.is_failing = !left.is_kept;
         }
+    }
+
+    /// Makes a session that was left one of this window, as if it had put it aside.
+    pub(crate) fn make_own(&mut self, id: LeftId) {
+        self.left.iter_mut().filter(|left| left.id == id).for_each(|left| left.is_own = true);
     }
 
     /// Discards a session that was left.
@@ -314,6 +324,10 @@ mod tests {
         Session::new(PathBuf::from("/data").join(name))
     }
 
+    fn info(name: &str) -> Info {
+        Info { path: PathBuf::from("/data").join(name), ..Info::default() }
+    }
+
     /// Restores the first session left.
     fn restore(autosave: &mut Autosave) -> Session {
         let (id, session) = (autosave.left[0].id, autosave.left[0].session.clone());
@@ -350,8 +364,8 @@ mod tests {
         autosave.put_aside(session("a2")).unwrap();
         autosave.put_aside(session("b")).unwrap();
         autosave.keep(0.0, 1, &session("c"), &ctx).unwrap();
-        assert!(autosave.recall(Path::new("/data/c")).is_none());
-        assert!(autosave.recall(Path::new("/data/a2")).is_some());
+        assert!(autosave.recall(&info("c")).is_none());
+        assert!(autosave.recall(&info("a2")).is_some());
         assert_eq!(restore(&mut autosave), session("a2"));
         autosave.discard(autosave.left[0].id);
         assert!(autosave.left.is_empty());
@@ -367,6 +381,20 @@ mod tests {
         std::fs::write(&folder, "no folder").unwrap();
         assert!(autosave.put_aside(session("e")).is_err());
         assert_eq!(restore(&mut autosave), session("e"), "in memory");
+    }
+
+    #[test]
+    fn frames_tell_more_of_what_work_is_about_than_paths() {
+        let of = |name: &str, frames: &str| Session { recording: Some(frames.into()), ..session(name) };
+        let mut autosave = Autosave::default();
+        autosave.put_aside(of("a.mp4", "one")).unwrap();
+        autosave.put_aside(of("a", "two")).unwrap();
+        let recalled = |autosave: &mut Autosave, frames: &str| {
+            let info = Info { frames_sha256: Some(frames.into()), ..info("a") };
+            autosave.recall(&info).unwrap().session.clone()
+        };
+        assert_eq!(recalled(&mut autosave, "one"), of("a.mp4", "one"));
+        assert_eq!(recalled(&mut autosave, "three"), of("a", "two"), "nothing is of these frames");
     }
 
     #[test]

@@ -1,9 +1,7 @@
 //! Limits and names of the clean-up of masks.
 
-use surgtpgs_core::mask::CleanUp;
+use surgtpgs_core::mask::{CleanUp, MAX_SMOOTH};
 
-/// Largest number of frames before and after to smooth over.
-pub(crate) const MAX_SMOOTH: usize = 5;
 /// Largest area of removed parts and filled holes, px.
 pub(crate) const MAX_AREA: usize = 20_000;
 /// Largest radius over which borders are rounded, px.

@@ -6,6 +6,9 @@ use crate::viewer::{
     state::document::Document,
 };
 
+/// Message in place of an excluded frame.
+pub(crate) const EXCLUDED: &str = "This frame is left out of everything";
+
 impl Document {
     pub(crate) fn excluded(&self) -> &[(usize, usize)] {
         &self.content().excluded

@@ -9,7 +9,7 @@ use crate::{
     },
 };
 use egui::Context;
-use std::{path::PathBuf, sync::Arc};
+use std::{path::Path, sync::Arc};
 use surgtpgs_core::{Result, export::ExportSummary};
 
 /// Seconds within which closing the window again is the same wish, such as a key that is held down.
@@ -47,8 +47,8 @@ impl Pace {
 /// An export in the background.
 pub(crate) struct Exporting {
     pub(crate) task: Task<ExportSummary>,
-    /// Folder that is written.
-    pub(crate) folder: PathBuf,
+    /// The request. Made again after a stop, it goes on.
+    pub(crate) asked: (ExportRequest, Negatives),
     /// Result, once there is one.
     pub(crate) summary: Option<ExportSummary>,
     pace: Pace,
@@ -63,9 +63,14 @@ impl Exporting {
         negatives: Negatives,
         ctx: &Context,
     ) -> Self {
-        let folder = request.folder.clone();
+        let asked = (request.clone(), negatives.clone());
         let task = Task::start("export", ctx, move |task| backend.export(&request, &negatives, task));
-        Self { task, folder, summary: None, pace: Pace::default(), close_asked: None }
+        Self { task, asked, summary: None, pace: Pace::default(), close_asked: None }
+    }
+
+    /// Returns the folder that is written.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.asked.0.folder
     }
 
     /// Takes the result; returns an error that ended the export.

@@ -9,7 +9,7 @@ pub(crate) mod content;
 pub(crate) mod document;
 #[cfg(test)]
 mod document_tests;
-mod excluded;
+pub(crate) mod excluded;
 pub(crate) mod exporting;
 mod history;
 pub(crate) mod loss_curve;

@@ -1,7 +1,7 @@
 //! The playback clock, from time to frame. It knows no window and no thread, so a test can be its clock.
 
 use std::sync::Arc;
-use surgtpgs_core::sequence::{seconds_of, shown_for};
+use surgtpgs_core::sequence::shown_for;
 
 /// Frames per second where the recording does not state them.
 pub(crate) const ASSUMED_FPS: f64 = 25.0;
@@ -77,9 +77,12 @@ impl Playback {
         Self { frame_seconds: if is_whole { frame_seconds.clone() } else { Arc::default() }, ..self }
     }
 
-    /// Returns the seconds from the start of the recording to `frame`.
+    /// Returns the seconds from the start of the recording to `frame`. Past the end, frames follow each other
+    /// at the usual pace.
     pub(crate) fn seconds(&self, frame: usize) -> f64 {
-        seconds_of(frame, &self.frame_seconds, None).unwrap_or(frame as f64 / self.fps)
+        let known = frame.min(self.frame_seconds.len().saturating_sub(1));
+        let start = self.frame_seconds.get(known);
+        start.map_or(frame as f64 / self.fps, |start| start + (frame - known) as f64 / self.fps)
     }
 
     /// Returns the seconds for which `frame` is shown at the present speed.
@@ -231,6 +234,7 @@ impl Playback {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::viewer::state::phases::{Phase, csv};
 
     #[test]
     fn ten_seconds_at_25_fps_are_250_frames() {
@@ -334,6 +338,17 @@ mod tests {
         clock.advance(1.70);
         assert_eq!((clock.frame(), clock.seconds_to_next(1.7).map(|s| (1e3 * s).round())), (1, Some(50.0)));
         assert_eq!(Playback::new(9, None).with_times(&times).seconds(5), 0.2, "of another recording");
+    }
+
+    #[test]
+    fn the_last_frame_ends_behind_its_start() {
+        let times: Arc<[f64]> = [0.0, 0.04, 40.0].into();
+        let clock = Playback::new(3, Some(25.0)).with_times(&times);
+        let ms = [0, 1, 2, 3, 5].map(|i| (1e3 * clock.seconds(i)).round());
+        assert_eq!(ms, [0.0, 40.0, 40_000.0, 40_040.0, 40_120.0]);
+        let table = csv(&[Phase::new("End", 2, 2)], |frame| clock.seconds(frame));
+        assert!(table.ends_with("\"End\",3,3,40.000,40.040\n"), "{table}");
+        assert_eq!(Playback::new(3, Some(25.0)).seconds(3), 0.12);
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub(crate) struct Reconstruction {
     pub(crate) training: Option<Training>,
     /// Trainings that begin when the present one has ended, the next one first.
     pub(crate) queue: VecDeque<TrainRequest>,
-    /// Finished reconstruction that was not opened, because something else was shown or the window was busy.
-    pub(crate) finished: Option<PathBuf>,
+    /// Finished reconstructions that are not open, because something else was shown or the window was busy.
+    pub(crate) finished: Vec<PathBuf>,
 }
 
 impl Reconstruction {
@@ -48,6 +48,17 @@ impl Reconstruction {
     pub(crate) fn planned_scenes(&self) -> Vec<PathBuf> {
         let running = self.training.iter().map(|t| t.scene.clone());
         running.chain(self.queue.iter().map(|request| request.scene.clone())).collect()
+    }
+
+    /// Offers a finished reconstruction that is not opened now.
+    pub(crate) fn offer(&mut self, scene: PathBuf) {
+        self.forget(&scene);
+        self.finished.push(scene);
+    }
+
+    /// Stops offering a finished reconstruction.
+    pub(crate) fn forget(&mut self, scene: &Path) {
+        self.finished.retain(|other| other != scene);
     }
 
     /// Returns `true` if the check of the open recording found that a reconstruction would be wrong.
@@ -146,13 +157,22 @@ impl Training {
         !self.whole.has_begun
     }
 
+    /// Returns the next event other than progress, if there is one. Progress is followed up to each of them,
+    /// so that no stage between two parts of a long recording is missed.
+    pub(crate) fn poll(&mut self) -> Option<TaskEvent<PathBuf, TrainNews>> {
+        let event = self.task.poll();
+        self.follow();
+        event
+    }
+
     /// Takes the latest progress: how far the whole work is, and the pace that later trainings are estimated
     /// from.
-    pub(crate) fn follow(&mut self) {
+    fn follow(&mut self) {
         let progress = &self.task.progress;
         self.whole.follow(progress);
         if progress.stage == TRAINING {
-            self.seconds_per_step = pace(progress, self.quality).or(self.seconds_per_step);
+            let pace = pace(&self.whole.training(progress), self.quality);
+            self.seconds_per_step = pace.or(self.seconds_per_step);
         }
     }
 
@@ -168,10 +188,11 @@ impl Training {
 
     /// Returns the seconds that the whole work will still take; `None` before there is a pace.
     pub(crate) fn seconds_left(&self) -> Option<f64> {
-        let left = self.task.progress.seconds_left()?;
-        if self.task.progress.stage == TRAINING {
-            return Some(left);
+        let progress = &self.task.progress;
+        if progress.stage == TRAINING {
+            return self.whole.training(progress).seconds_left();
         }
+        let left = progress.seconds_left()?;
         // Between two parts of a long recording, the time of those that follow is not known.
         self.is_preparing().then_some(left + self.expected_seconds)
     }
@@ -203,6 +224,8 @@ struct WholeWork {
     /// Duration of the stages that are over, and of the present one, seconds.
     seconds_before: f64,
     seconds: f64,
+    /// Duration of the training of the parts of a long recording that are over, seconds.
+    trained_before: f64,
     fraction: f32,
     /// `true` once the training itself has begun.
     has_begun: bool,
@@ -223,6 +246,9 @@ impl WholeWork {
     /// its training; they count for the first part alone.
     fn follow(&mut self, progress: &Progress) {
         if self.stages.last() != Some(&progress.stage) {
+            if self.stages.last().is_some_and(|stage| stage == TRAINING) {
+                self.trained_before += self.seconds;
+            }
             self.seconds_before += self.seconds;
             self.stages.push(progress.stage.clone());
         }
@@ -239,6 +265,11 @@ impl WholeWork {
         };
         self.fraction = self.fraction.max(fraction);
     }
+
+    /// Returns the progress of the training with the seconds of all its parts, as its steps are those of all.
+    fn training(&self, progress: &Progress) -> Progress {
+        Progress { seconds: self.trained_before + progress.seconds, ..progress.clone() }
+    }
 }
 
 #[cfg(test)]
@@ -253,6 +284,25 @@ mod tests {
         };
         assert_eq!([pace(steps / 10, steps), pace(800, 800), pace(0, 0)], [None; 3]);
         assert_eq!([pace(800, steps), pace(800, 9 * steps)], [Some(0.01); 2]);
+    }
+
+    #[test]
+    fn the_pace_and_the_time_left_are_those_of_all_parts_so_far() {
+        let (steps, mut whole) = (Quality::Standard.steps(), WholeWork::of(&Words::Nothing));
+        let mut follow = |stage: &str, done, seconds| {
+            let stage = stage.to_owned();
+            let progress = Progress { stage, done, total: 3 * steps, seconds, ..Progress::default() };
+            whole.follow(&progress);
+            whole.training(&progress)
+        };
+        for part in 0..3 {
+            follow("following points", 5, 3.0);
+            let half = follow(TRAINING, part * steps + steps / 2, 20.0);
+            assert_eq!(pace(&half, Quality::Standard), Some(0.01), "part {part}");
+            let left = half.seconds_left().map(f64::round);
+            assert_eq!(left, Some(100.0 - 40.0 * part as f64), "part {part}");
+            follow(TRAINING, (part + 1) * steps, 40.0);
+        }
     }
 
     #[test]

@@ -16,8 +16,10 @@ pub(crate) struct Saving {
     pub(crate) autosave: Autosave,
     /// Style of the overlay and width of the panel, as the preferences were saved last.
     pub(crate) kept_look: Option<(OverlayLook, f32)>,
-    /// `true` if the offer to restore unsaved work is put off, at most until the next start.
+    /// `true` if the offer to restore unsaved work is put off until something else is opened.
     pub(crate) is_recovery_put_off: bool,
+    /// Unsaved works that are not offered again before the next start, but on the start page.
+    pub(crate) for_later: Vec<LeftId>,
 }
 
 /// A session to apply once its scene or recording is open.
@@ -52,6 +54,7 @@ impl Saving {
             to_apply: None,
             autosave,
             is_recovery_put_off: false,
+            for_later: Vec::new(),
         }
     }
 }

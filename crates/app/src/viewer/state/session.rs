@@ -1,12 +1,21 @@
 //! A session: the user's decisions about a recording, as a small JSON file. It never holds pixels.
 
-use crate::viewer::state::{
-    content::{Content, Look},
-    view_mode::ViewMode,
+use crate::viewer::{
+    backend::{Info, frames::Frames},
+    state::{
+        content::{Content, Look},
+        view_mode::ViewMode,
+    },
 };
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook, reading::read_text};
+use surgtpgs_core::{
+    Error, Result,
+    files::{full_path, write_whole},
+    overlay::OverlayLook,
+    reading::read_text,
+    scene::Scene,
+};
 
 /// The extension of session files.
 pub(crate) const EXTENSION: &str = "surgtpgs";
@@ -27,6 +36,12 @@ pub(crate) struct Session {
     /// Hash of the names and sizes of the recording's frames; absent where they were not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) recording: Option<String>,
+    /// Hash of the content of a few frames; absent where it was not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) spots: Option<String>,
+    /// Path of the recorded frames, with links resolved; in a file, as `opened`. Absent where it was unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) sequence: Option<PathBuf>,
     #[serde(default)]
     pub(crate) content: Content,
     #[serde(default)]
@@ -86,6 +101,8 @@ impl Session {
             version: VERSION,
             opened,
             recording: None,
+            spots: None,
+            sequence: None,
             content: Content::default(),
             display: Display::default(),
             time: Time::default(),
@@ -99,7 +116,34 @@ impl Session {
         path.extension().is_some_and(|e| e.eq_ignore_ascii_case(EXTENSION))
     }
 
-    /// Reads a session file; the path in it becomes absolute.
+    /// Returns the frames of the recording; `None` where they are not known. An older session knows no more
+    /// of their place than what was opened.
+    fn frames(&self) -> Option<Frames<'_>> {
+        let opened = Some(&self.opened).filter(|path| !Scene::is_named_like_one(path));
+        let place = self.sequence.as_ref().or(opened).map(PathBuf::as_path);
+        let spots = self.spots.as_deref();
+        self.recording.as_deref().map(|outline| Frames { outline, spots, place })
+    }
+
+    /// Returns `true` if the session is about a scene or recording: about its frames, wherever they lie, or
+    /// about its path.
+    pub(crate) fn is_about(&self, info: &Info) -> bool {
+        let frames = self.frames().zip(info.frames());
+        self.opened == info.path || frames.is_some_and(|(then, now)| then.are_of_one(now))
+    }
+
+    /// Returns `true` if the session was made on other frames; `false` where either are not known.
+    pub(crate) fn is_of_other_frames(&self, info: &Info) -> bool {
+        self.frames().zip(info.frames()).is_some_and(|(then, now)| !then.are_like(now))
+    }
+
+    /// Returns `true` if the session is about a scene or recording, and known to be made on its frames.
+    fn fits(&self, info: &Info) -> bool {
+        let frames = self.frames().zip(info.frames());
+        self.is_about(info) && frames.is_some_and(|(then, now)| then.are_like(now))
+    }
+
+    /// Reads a session file; the paths in it become absolute.
     pub(crate) fn load(file: &Path) -> Result<Self> {
         let text = read_text(file).map_err(|e| Error::io("read the session", file, e))?;
         let not_a_session = |why: String| {
@@ -118,9 +162,9 @@ impl Session {
             );
             return Err(Error::input_at(file, what, "Use the program that saved it, or a newer one."));
         }
-        if session.opened.is_relative() {
-            session.opened = file.parent().unwrap_or(Path::new("")).join(&session.opened);
-        }
+        let beside = |path: &Path| file.parent().unwrap_or(Path::new("")).join(path);
+        session.opened = beside(&session.opened);
+        session.sequence = session.sequence.map(|path| full_path(&beside(&path)));
         // Opening sessions that name each other would not end.
         if Self::is_file(&session.opened) {
             return Err(not_a_session("it names a session in place of a recording".into()));
@@ -128,24 +172,28 @@ impl Session {
         Ok(session)
     }
 
-    /// Returns the newest session file in a folder that is about a recording with these frames, and the session.
-    pub(crate) fn newest_in(folder: &Path, frames_sha256: &str) -> Option<(PathBuf, Self)> {
+    /// Returns the newest session file in a folder that is about a scene or recording and its frames, and the
+    /// session.
+    pub(crate) fn newest_in(folder: &Path, info: &Info) -> Option<(PathBuf, Self)> {
         let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut files: Vec<PathBuf> = files.filter(|path| Self::is_file(path)).collect();
         let saved = |file: &PathBuf| std::fs::metadata(file).and_then(|about| about.modified()).ok();
         files.sort_by_cached_key(|file| std::cmp::Reverse(saved(file)));
         files.into_iter().take(MOST_LOOKED_AT).find_map(|file| {
             let session = Self::load(&file).ok()?;
-            (session.recording.as_deref() == Some(frames_sha256)).then_some((file, session))
+            session.fits(info).then_some((file, session))
         })
     }
 
     /// Writes a session file.
     pub(crate) fn save(&self, file: &Path) -> Result<()> {
         let folder = file.parent().unwrap_or(Path::new(""));
-        let inside = self.opened.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
-        let opened = inside.unwrap_or(&self.opened).to_owned();
-        let told = Self { opened, version: VERSION, ..self.clone() };
+        let told = |path: &PathBuf| {
+            let inside = path.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
+            inside.unwrap_or(path).to_owned()
+        };
+        let (opened, sequence) = (told(&self.opened), self.sequence.as_ref().map(told));
+        let told = Self { opened, sequence, version: VERSION, ..self.clone() };
         let text = serde_json::to_string_pretty(&told)
             .map_err(|e| Error::input_at(file, format!("the session cannot be written: {e}"), ""))?;
         write_whole(file, text.as_bytes())
@@ -207,6 +255,11 @@ mod tests {
         std::fs::rename(&file, moved.path().join("review.surgtpgs")).unwrap();
         let opened = Session::load(&moved.path().join("review.surgtpgs")).unwrap().opened;
         assert_eq!(opened, moved.path().join("clip.safetensors"), "the folder may move");
+
+        let recording = std::fs::canonicalize(folder.path()).unwrap().join("clip.mp4");
+        let sequence = Some(recording.clone());
+        Session { sequence: sequence.clone(), ..session(recording) }.save(&file).unwrap();
+        assert_eq!(Session::load(&file).unwrap().sequence, sequence);
 
         let elsewhere = moved.path().join("clip.safetensors");
         session(elsewhere.clone()).save(&file).unwrap();

@@ -2,6 +2,11 @@
 
 use crate::viewer::backend::Info;
 
+/// Message where there is no reconstruction.
+pub(crate) const NO_RECONSTRUCTION: &str = "Reconstruct the recording first";
+/// Message where recorded frames cannot be shown.
+pub(crate) const NO_ORIGINAL: &str = "The recorded frames are not at hand";
+
 /// Mode of the viewport: one picture, or two compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -96,9 +101,18 @@ impl ViewMode {
         self.layer().is_some() || self == Self::Reconstruction
     }
 
+    /// Says why the mode cannot be shown for the open scene or recording; `None` if it can.
+    pub(crate) fn obstacle(self, info: &Info) -> Option<&'static str> {
+        let is_made = self.needs_reconstruction() || self.layer().is_some();
+        if is_made && !info.has_reconstruction {
+            Some(NO_RECONSTRUCTION)
+        } else {
+            (self.needs_original() && !info.has_original).then_some(NO_ORIGINAL)
+        }
+    }
+
     /// Returns `true` if the mode can be shown for the open scene or recording.
     pub(crate) fn is_possible(self, info: &Info) -> bool {
-        (info.has_original || !self.needs_original())
-            && (info.has_reconstruction || !(self.needs_reconstruction() || self.layer().is_some()))
+        self.obstacle(info).is_none()
     }
 }

@@ -1,7 +1,7 @@
 //! A fake that answers in place of the engine, and a window on it.
 
 use super::*;
-use crate::jobs::TRAINING;
+use crate::{jobs::TRAINING, viewer::backend::PREPARING};
 
 pub(super) const SIZE: (u32, u32) = (32, 24);
 pub(super) const FRAMES: usize = 48;
@@ -130,15 +130,23 @@ pub(super) struct FakeBackend {
     pub(super) info: Info,
     pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
     pub(super) exported: Mutex<Vec<(ExportRequest, Negatives)>>,
+    /// Ranges of frames that were not to be measured.
+    pub(super) unmeasured: Mutex<Vec<(usize, usize)>>,
     pub(super) faults: Mutex<ModelFaults>,
+    /// Folder of what networks found before.
+    pub(super) found: Mutex<Option<PathBuf>>,
     pub(super) folders_shown: Mutex<Vec<PathBuf>>,
     pub(super) trained: Mutex<Vec<TrainRequest>>,
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
     pub(super) is_disk_full: AtomicBool,
+    /// `true` to keep a training from learning anything yet.
+    pub(super) is_preparing: AtomicBool,
     /// `true` to end a training by itself.
     pub(super) is_trained: AtomicBool,
     pub(super) is_export_slow: AtomicBool,
+    /// Hash and number of the frames, once the recording has other ones.
+    pub(super) changed: Mutex<Option<(String, usize)>>,
     /// Answer of the system's file dialog; without it, there is none.
     pub(super) picked: Mutex<Option<Picked>>,
 }
@@ -150,9 +158,15 @@ impl Backend for FakeBackend {
         }
         let trained = !self.trained.lock().unwrap().is_empty();
         let is_other = path.starts_with("/elsewhere");
+        let known = self.info.frames_sha256.clone().map(|sum| if is_other { "others".into() } else { sum });
+        let changed = self.changed.lock().unwrap().clone();
+        let (frames_sha256, num_frames) =
+            changed.map_or((known, self.info.num_frames), |(sum, count)| (Some(sum), count));
         let info = Info {
             name: if is_other { "other".into() } else { self.info.name.clone() },
             path: path.to_owned(),
+            frames_sha256,
+            num_frames,
             recording: self.info.recording.clone().or(self.info.has_original.then(|| path.to_owned())),
             has_reconstruction: self.info.has_reconstruction || trained,
             has_features: self.info.has_features || trained,
@@ -180,6 +194,7 @@ impl Backend for FakeBackend {
             quality: Quality::Quick,
             excluded: Vec::new(),
             words: Words::Labels,
+            features: None,
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
@@ -196,14 +211,15 @@ impl Backend for FakeBackend {
         self.exported.lock().unwrap().push((request.clone(), negatives.clone()));
         let (frames, prompts) = (request.frames.len(), request.questions.len());
         let files = num_files(&request.options.formats, frames, prompts);
-        Ok(ExportSummary { complete: true, frames, files, ..Default::default() })
+        Ok(ExportSummary { complete: !task.is_cancelled(), frames, files, ..Default::default() })
     }
     fn show_folder(&self, folder: &Path) -> Result<()> {
         self.folders_shown.lock().unwrap().push(folder.to_owned());
         Ok(())
     }
-    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
+    fn evaluate(&self, scene: &Path, left_out: &[(usize, usize)], task: &TaskContext) -> Result<Evaluation> {
         task.progress("evaluating", 2, 2, String::new());
+        self.unmeasured.lock().unwrap().extend(left_out);
         if scene.ends_with("gone") {
             return Err(Error::input("the recording is not at hand", "Put it back."));
         }
@@ -215,10 +231,28 @@ impl Backend for FakeBackend {
         task.progress("trying", 1, 1, String::new());
         Ok(self.faults.lock().unwrap().clone())
     }
+    fn found_before(
+        &self,
+        _: &Models,
+        _: &Path,
+        folders: &[PathBuf],
+        task: &TaskContext,
+    ) -> Result<Option<PathBuf>> {
+        task.progress("looking", 1, 1, String::new());
+        Ok(self.found.lock().unwrap().clone().filter(|found| folders.contains(found)))
+    }
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()
     }
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
+        while self.is_preparing.load(Ordering::Relaxed) {
+            task.check()?;
+            task.progress(PREPARING, 1, 2, String::new());
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        if request.recording.ends_with("broken") {
+            return Err(Error::input("there is nothing to learn from", "Record something."));
+        }
         task.progress(TRAINING, 10, request.quality.steps(), "100 Gaussians".into());
         let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
@@ -283,13 +317,15 @@ impl Window {
     }
 
     pub(super) fn gated(info: Info, gate: Option<mpsc::Receiver<()>>) -> Self {
+        // A recording does not lie where its reconstruction will.
+        let name = if info.has_reconstruction { "clip.safetensors" } else { "clip.mp4" };
         let sound = Checked { report: CheckReport { ok: true, ..CheckReport::default() }, can_flip: false };
         let checked = Mutex::new(sound);
         let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), checked, ..Default::default() });
         let mut window = Self::with(backend);
         window.harness.state_mut().shared.preferences.is_acknowledged = true;
         let ctx = window.harness.ctx.clone();
-        window.harness.state_mut().shared.open_path(Path::new("/data/clip.safetensors"), &ctx);
+        window.harness.state_mut().shared.open_path(&Path::new("/data").join(name), &ctx);
         window.until(|app| app.open.is_some());
         window
     }

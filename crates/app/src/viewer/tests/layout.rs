@@ -152,6 +152,25 @@ fn the_start_page_holds() {
 }
 
 #[test]
+fn the_start_page_holds_while_work_is_running() {
+    let mut window = Window::on(bare());
+    window.harness.state_mut().shared.dialog = Some(Dialog::Reconstruct);
+    (0..STEPS).for_each(|_| window.harness.step());
+    window.click("Start");
+    let ctx = window.harness.ctx.clone();
+    let second = Path::new("/elsewhere/second");
+    window.harness.state_mut().shared.open_path(second, &ctx);
+    window.until(|app| app.info().is_some_and(|i| i.path == second));
+    let shared = &mut window.harness.state_mut().shared;
+    shared.run(Command::StartPage.into(), &ctx);
+    let first = "/data/the second long recording of the year that comes from the operating room.safetensors";
+    shared.reconstruction.offer(first.into());
+    shared.say("An export is running. Close the window again to stop it", None, 1e9);
+    window.until_shown("Details of the training");
+    check("the start page during work", &mut window);
+}
+
+#[test]
 fn a_scene_with_and_without_prompts_holds() {
     for count in [0, 3, 9] {
         let mut window = with_prompts(count);

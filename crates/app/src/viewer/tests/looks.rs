@@ -4,6 +4,7 @@ use super::*;
 use crate::viewer::{
     picture::{
         copy::{Shown, copy},
+        notes::{FADED, GUESSED, SYNTHESISED},
         request::Pane,
     },
     state::saving::Origin,
@@ -117,18 +118,20 @@ fn in_a_low_panel_what_was_found_goes_before_the_buttons() {
     assert!(!is_first([1360.0, 860.0]) && is_first([450.0, 300.0]));
 }
 
+/// Copies the picture; returns the copy, if there is one.
+fn copied(window: &mut Window) -> Option<egui::ColorImage> {
+    window.harness.input_mut().events.push(egui::Event::Copy);
+    window.harness.step();
+    let commands = &window.harness.output().platform_output.commands;
+    commands.iter().find_map(|command| match command {
+        egui::OutputCommand::CopyImage(image) => Some(image.clone()),
+        _ => None,
+    })
+}
+
 #[test]
 fn the_picture_is_copied_as_it_is_shown() {
     let mut window = with_prompt(scene(), "gallbladder");
-    let copied = |window: &mut Window| {
-        window.harness.input_mut().events.push(egui::Event::Copy);
-        window.harness.step();
-        let commands = &window.harness.output().platform_output.commands;
-        commands.iter().find_map(|command| match command {
-            egui::OutputCommand::CopyImage(image) => Some(image.clone()),
-            _ => None,
-        })
-    };
     let image = copied(&mut window).unwrap();
     assert_eq!(image.size, [SIZE.0 as usize, SIZE.1 as usize]);
     window.harness.step();
@@ -147,17 +150,68 @@ fn a_copy_has_what_was_found_and_its_name_and_is_cut_to_what_is_seen() {
     let image = |colour| Arc::new(egui::ColorImage::filled([320, 240], colour));
     let (bare, marked) = (image(Color32::BLUE), Some(image(Color32::GREEN)));
     picture.reconstruction = Some(Pane { bare, marked });
-    let shown = Shown { mode: ViewMode::Reconstruction, is_hidden: false, wipe: 0.5, seconds: 0.0 };
+    let (mode, notes) = (ViewMode::Reconstruction, &["Stopped early".to_owned()]);
+    let shown = Shown { mode, is_hidden: false, wipe: 0.5, seconds: 0.0, notes: &[] };
     let own = window.harness.state().shared.document.prompts()[0].colour;
     let own = Color32::from_rgb(own[0], own[1], own[2]);
     let whole = copy(&picture, shown, &[]).unwrap();
     let count = |image: &egui::ColorImage, colour| image.pixels.iter().filter(|p| **p == colour).count();
     assert!(whole.size == [320, 240] && count(&whole, Color32::GREEN) > 60_000);
     assert!(count(&whole, own) > 200, "the line, and the swatch of its name");
+    let noted = copy(&picture, Shown { notes, ..shown }, &[]).unwrap();
+    assert!(count(&noted, Color32::BLACK) > count(&whole, Color32::BLACK), "a line more");
     let hidden = copy(&picture, Shown { is_hidden: true, ..shown }, &[]).unwrap();
     assert_eq!((count(&hidden, own), count(&hidden, Color32::GREEN)), (0, 0));
     let seen = egui::Rect::from_min_max(egui::pos2(0.5, 0.25), egui::pos2(1.0, 0.75));
     assert_eq!(copy(&picture, shown, &[seen]).unwrap().size, [160, 120]);
+}
+
+#[test]
+fn copies_say_what_must_be_known_about_the_picture() {
+    let notes = |window: &Window| window.harness.state().shared.picture_notes();
+    let mut window = Window::on(scene());
+    assert!(notes(&window).is_empty());
+    let look = &mut window.harness.state_mut().shared.document.look;
+    look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
+    window.until_picture(|p| p.unseen_share == 0.5);
+    assert_eq!(notes(&window), [SYNTHESISED, FADED]);
+    window.press(Key::R);
+    window.until_picture(|p| p.request.view.orbit.is_home());
+    window.press(Key::D);
+    window.until_picture(|p| p.layer.is_some());
+    assert!(notes(&window).iter().any(|note| note.starts_with("depth, scene units: near")));
+    window.press(Key::F);
+    window.until_picture(|p| p.difference.is_some());
+    assert_eq!(notes(&window), ["difference, levels of 255: 0 (blue) to 64 or more (yellow)"]);
+
+    let mut window = Window::on(Info { learned: 0.4, has_measured_depth: false, ..scene() });
+    let cautions = ["Stopped early, after 40 % of its learning", GUESSED];
+    assert_eq!(notes(&window), cautions);
+    window.add_prompt("gallbladder");
+    window.until_found();
+    assert_eq!(notes(&window), cautions, "nothing unusual");
+    let grown = CleanUp { grow_px: 2, ..CleanUp::default() };
+    window.harness.state_mut().shared.document.set_clean_up(grown);
+    assert_eq!(notes(&window), [cautions[0], cautions[1], "masks cleaned up"]);
+    window.harness.state_mut().shared.document.mode = ViewMode::Original;
+    window.until_picture(|p| p.original.is_some());
+    assert_eq!(notes(&window), ["masks cleaned up"], "the recorded frame is as it is");
+
+    let mut window = Window::on(Info { has_measured_depth: false, ..scene() });
+    window.press(Key::D);
+    window.until_picture(|p| p.layer.is_some());
+    assert_eq!(notes(&window), [GUESSED, "depth: near (yellow) to far (blue)"], "once");
+
+    // On a picture of this size, the notes lie between the title and the stamp.
+    let [plain, warned] = [1.0, 0.4].map(|learned| {
+        let mut window = Window::on(Info { learned, ..scene() });
+        let shown = window.harness.state_mut().shared.open.as_mut().unwrap().shown.as_mut().unwrap();
+        let bare = Arc::new(egui::ColorImage::filled([320, 240], Color32::BLUE));
+        shown.picture.reconstruction = Some(Pane { bare, marked: None });
+        copied(&mut window).unwrap()
+    });
+    let count = |image: &egui::ColorImage| image.pixels.iter().filter(|p| **p == Color32::BLUE).count();
+    assert!(plain.size == [320, 240] && count(&warned) < count(&plain), "a line more");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! engine: its frame i is a grey of level i, "gallbladder" is the left part of every picture, and "nothing"
 //! is nowhere.
 
+mod endings;
 mod exports;
 mod fixture;
 mod hazards;
@@ -10,11 +11,13 @@ mod layout;
 mod looks;
 mod marking;
 mod monkey;
+mod obstacles;
 mod over_time;
 mod panels;
 mod pointing;
 mod quality;
 mod reconstructing;
+mod recovery;
 mod sessions;
 mod starting;
 

@@ -80,6 +80,61 @@ fn areas_can_be_copied_as_a_table() {
     let table = copied.unwrap();
     assert_eq!(table.lines().count(), FRAMES + 1);
     assert!(table.contains("16,0.600,\"polyp\",0.50,288,0.375000"), "{table}");
+    let said = window.harness.state().shared.toast.as_ref().map(|toast| toast.text.clone());
+    assert_eq!(said.as_deref(), Some("A table of 48 rows is copied"));
+}
+
+#[test]
+fn a_table_that_would_lack_rows_is_not_copied() {
+    let (permit, gate) = mpsc::channel();
+    // Without a permission, nothing is counted.
+    let mut window = Window::gated(scene(), Some(gate));
+    window.until(|app| app.picture().is_some());
+    window.add_prompt("polyp");
+    let why = |window: &Window| window.harness.state().shared.obstacle(Command::CopyAreas);
+    assert_eq!(why(&window), Some("The areas are still being counted"));
+    window.harness.state_mut().shared.document.toggle_visible(0);
+    assert_eq!(why(&window), Some("No prompt is shown"));
+    drop(permit);
+}
+
+#[test]
+fn a_prompt_that_cannot_be_looked_for_says_so_and_keeps_no_other_from_being_copied() {
+    let mut window = counted();
+    window.add_prompt("broken");
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    let why = |window: &Window, command| window.harness.state().shared.obstacle(command);
+    for command in [Command::FirstFound, Command::LargestFound, Command::LastFound] {
+        assert_eq!(why(&window, command), Some("It cannot be looked for"));
+    }
+    assert!(window.shows("broken: cannot be looked for") && !window.shows("ounting…"));
+    assert_eq!(why(&window, Command::CopyAreas), None);
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::CopyAreas.into(), &ctx);
+    assert!(window.harness.state().shared.toast.as_ref().unwrap().text.contains("48 rows"));
+    window.harness.state_mut().shared.document.toggle_visible(0);
+    assert_eq!(why(&window, Command::CopyAreas), Some("No shown prompt can be looked for"));
+    window.harness.state_mut().shared.document.toggle_visible(1);
+    assert_eq!(why(&window, Command::CopyAreas), Some("No prompt is shown"));
+}
+
+#[test]
+fn frames_that_are_left_out_are_neither_gone_to_nor_counted() {
+    let mut window = counted();
+    let document = &mut window.harness.state_mut().shared.document;
+    [(10, 10), (14, 16), (20, 20)].into_iter().for_each(|(from, to)| document.toggle_excluded(from, to));
+    for (modifiers, key, frame) in
+        [(Modifiers::NONE, Key::P, 13), (Modifiers::SHIFT, Key::Home, 11), (Modifiers::SHIFT, Key::End, 19)]
+    {
+        window.press_with(modifiers, key);
+        assert_eq!(window.frame(), frame);
+    }
+    window.harness.step();
+    assert!(window.shows("Found on 6 of 43 frames"));
+    assert!(window.shows("Area over time. polyp: largest on frame 14, 25 % of the picture"));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::CopyAreas.into(), &ctx);
+    assert!(window.harness.state().shared.toast.as_ref().unwrap().text.contains("43 rows"));
 }
 
 #[test]

@@ -30,6 +30,15 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
 }
 
 #[test]
+fn frames_that_are_left_out_are_not_measured() {
+    let mut window = Window::on(scene());
+    window.harness.state_mut().shared.document.toggle_excluded(3, 5);
+    window.press_with(Modifiers::COMMAND, Key::M);
+    window.until_shown("2 frames that the training did not see");
+    assert_eq!(*window.backend.unmeasured.lock().unwrap(), [(3, 5)]);
+}
+
+#[test]
 fn the_psnr_of_training_frames_is_told_beside_that_of_others_alone() {
     let mut window = Window::on(scene());
     let ctx = window.harness.ctx.clone();

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn training() -> Window {
+pub(super) fn training() -> Window {
     let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
     let mut window = Window::on(recording);
     window.click("Reconstruct…");
@@ -72,7 +72,7 @@ fn little_memory_is_said_before_the_system_ends_the_program() {
     assert!(window.shows("Only 250 MB of memory are left"));
 }
 
-fn bare() -> Info {
+pub(super) fn bare() -> Info {
     Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() }
 }
 
@@ -147,7 +147,7 @@ fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
     let mut window = training();
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(Path::new("/data/other.safetensors"), &ctx);
-    window.until_shown("Reconstructing clip.safetensors: training");
+    window.until_shown("Reconstructing clip.mp4: training");
     let is_other = |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
     assert!(is_other(&window.harness.state().shared));
     window.click("Stop and keep what was learned");
@@ -173,7 +173,7 @@ fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
     window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
     let app = &window.harness.state().shared;
     assert!(
-        app.dialog == Some(Dialog::Export) && app.reconstruction.finished.is_some(),
+        app.dialog == Some(Dialog::Export) && !app.reconstruction.finished.is_empty(),
         "nobody is interrupted"
     );
     assert_eq!(window.backend.trained.lock().unwrap()[0].recording, Path::new("/data/recording"));
@@ -183,7 +183,7 @@ fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
 }
 
 /// Asks the window to close, and returns `true` if it would.
-fn closes(window: &mut Window) -> bool {
+pub(super) fn closes(window: &mut Window) -> bool {
     let input = window.harness.input_mut();
     let viewport = input.viewports.entry(egui::ViewportId::ROOT).or_default();
     viewport.events.push(egui::ViewportEvent::Close);
@@ -341,6 +341,12 @@ fn type_into(window: &mut Window, field: &str, text: &str) {
 /// Opens the questions before the reconstruction of a recording without labels, with networks chosen.
 fn with_models(folder: &Path) -> Window {
     let mut window = Window::on(Info { has_labels: false, ..bare() });
+    choose_models(&mut window, folder);
+    window
+}
+
+/// Opens the questions before the reconstruction, and chooses networks there.
+fn choose_models(window: &mut Window, folder: &Path) {
     let models = ["sam", "clip"].map(|name| folder.join(name));
     models.iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
     window.click("Reconstruct…");
@@ -349,9 +355,8 @@ fn with_models(folder: &Path) -> Window {
     for (field, folder) in
         ["Folder with a Segment Anything", "Folder with an image encoder"].iter().zip(&models)
     {
-        type_into(&mut window, field, &folder.display().to_string());
+        type_into(window, field, &folder.display().to_string());
     }
-    window
 }
 
 #[test]
@@ -385,6 +390,29 @@ fn networks_are_tried_at_once_and_remembered_once_they_are_used() {
     let request = window.backend.trained.lock().unwrap()[0].clone();
     assert!(matches!(&request.words, Words::Models(models) if models.images == folder.path().join("clip")));
     assert_eq!(request.features_folder(), Path::new("/data/clip-features"));
+}
+
+#[test]
+fn what_the_same_networks_found_is_used_again_and_what_others_found_stays() {
+    let [folder, models] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let features = folder.path().join("clip-features");
+    std::fs::create_dir(&features).unwrap();
+    std::fs::write(features.join("prepared.json"), "{}").unwrap();
+    let output_folder = folder.path().to_owned();
+    for (found, used) in [(Some(&features), "clip-features"), (None, "clip-features-2")] {
+        let output_folder = output_folder.clone();
+        let mut window = Window::on(Info { has_labels: false, output_folder, ..bare() });
+        *window.backend.found.lock().unwrap() = found.cloned();
+        choose_models(&mut window, models.path());
+        window.until_shown("These networks can be used.");
+        assert_eq!(window.shows("What these networks found in it before is used again."), found.is_some());
+        window.click("Start");
+        window.until_shown("Reconstructing: training");
+        window.click("Stop and keep what was learned");
+        window.until(|app| app.reconstruction.training.is_none());
+        let request = window.backend.trained.lock().unwrap()[0].clone();
+        assert_eq!(request.features_folder(), folder.path().join(used));
+    }
 }
 
 #[test]

@@ -8,7 +8,12 @@ use crate::viewer::state::{
 
 /// Opens a window on the scene of the tests that keeps its work in `folder`.
 fn keeping(folder: &Path) -> Window {
-    let backend = Arc::new(FakeBackend { info: scene(), ..Default::default() });
+    keeping_on(scene(), folder)
+}
+
+/// Opens a window that keeps its work in `folder`; what is opened in it is as `info` says.
+pub(super) fn keeping_on(info: Info, folder: &Path) -> Window {
+    let backend = Arc::new(FakeBackend { info, ..Default::default() });
     let theirs = backend.clone();
     let autosave = Autosave::open(Some(folder.to_owned()));
     let harness = Harness::builder()
@@ -22,7 +27,7 @@ fn keeping(folder: &Path) -> Window {
     window
 }
 
-fn open(window: &mut Window, path: &Path) {
+pub(super) fn open(window: &mut Window, path: &Path) {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(path, &ctx);
     window.until(|app| {
@@ -163,7 +168,7 @@ fn what_was_left_can_be_discarded_or_put_off() {
 }
 
 /// Returns a session of a recording, with a number of bookmarks.
-fn bookmarked(opened: &str, count: usize) -> Session {
+pub(super) fn bookmarked(opened: &str, count: usize) -> Session {
     let bookmark = |frame| Bookmark { frame, ..Bookmark::default() };
     let content = Content { bookmarks: (0..count).map(bookmark).collect(), ..Content::default() };
     Session { content, ..Session::new(opened.into()) }
@@ -331,6 +336,42 @@ fn recordings_of_one_name_and_length_in_two_places_are_two() {
             .is_same_recording(&Info { name: "scene".into(), ..at("/patient-1/video.mp4") })
     );
     assert!(at("/patient-1/video.mp4").is_same_recording(&scene()), "nobody knows where this one was");
+    let of = |frames: &str, place: &str| Info { frames_sha256: Some(frames.into()), ..at(place) };
+    let video = of("one", "/patient-1/video.mp4");
+    assert!(!video.is_same_recording(&of("two", "/patient-1/video.mp4")), "others of its frames");
+    assert!(video.is_same_recording(&of("one", "/moved/video.mp4")));
+    assert!(!at("/a.mp4").is_same_recording(&Info { num_frames: FRAMES / 2, ..at("/a.mp4") }));
+}
+
+#[test]
+fn frames_of_the_same_sizes_in_two_files_are_two_recordings() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b, gone] = ["a.dcm", "b.dcm", "gone.dcm"].map(|name| folder.path().join(name));
+    [&a, &b].into_iter().for_each(|file| std::fs::write(file, "").unwrap());
+    let of = |place: &Path, spots: Option<&str>| Info {
+        path: place.to_owned(),
+        sequence: Some(place.to_owned()),
+        frames_sha256: Some("sizes".into()),
+        spots_sha256: spots.map(str::to_owned),
+        ..scene()
+    };
+    for (one, other, is_same) in [
+        (of(&a, None), of(&b, None), false),
+        (of(&a, Some("x")), of(&b, None), false),
+        (of(&gone, None), of(&b, None), true),
+        (of(&a, Some("x")), of(&b, Some("x")), true),
+        (of(&gone, Some("x")), of(&b, Some("y")), false),
+        (of(&a, Some("x")), of(&a, Some("y")), false),
+    ] {
+        assert_eq!(one.is_same_recording(&other), is_same, "{one:?} {other:?}");
+        let Info { frames_sha256: recording, spots_sha256: spots, sequence, .. } = one;
+        // It was made on a reconstruction.
+        let session = Session { recording, spots, sequence, ..Session::new("/data/a.safetensors".into()) };
+        assert_eq!(session.is_about(&other), is_same, "{session:?} {other:?}");
+    }
+    // An older session knows what was opened alone.
+    let older = Session { recording: Some("sizes".into()), ..Session::new(a.clone()) };
+    assert!(older.is_about(&of(&a, Some("x"))) && !older.is_about(&of(&b, Some("x"))));
 }
 
 #[test]

@@ -14,6 +14,12 @@ impl Shared {
         self.dialog = None;
     }
 
+    /// Returns `true` if an export is of the scene that is open, and of no frame that is left out now.
+    pub(crate) fn may_export(&self, request: &ExportRequest) -> bool {
+        let is_open = self.info().is_some_and(|info| info.path == request.scene);
+        is_open && !request.frames.iter().any(|frame| self.document.is_excluded(*frame))
+    }
+
     pub(crate) fn is_exporting(&self) -> bool {
         self.exporting.as_ref().is_some_and(Exporting::is_running)
     }
@@ -29,11 +35,13 @@ impl Shared {
 
     /// Copies the picture as it is shown to the clipboard.
     pub(crate) fn copy_picture(&mut self, now: f64, ctx: &Context) {
+        let notes = self.picture_notes();
         let shown = copy::Shown {
             mode: self.document.mode,
             is_hidden: self.document.is_hidden,
             wipe: self.viewport.wipe,
             seconds: self.playback.seconds(self.picture().map_or(0, |p| p.request.view.frame)),
+            notes: &notes,
         };
         let seen = |(pane, picture): &(Rect, Rect)| {
             let share = |at: egui::Pos2| ((at - picture.min) / picture.size()).to_pos2();

@@ -10,7 +10,7 @@ use crate::viewer::{
 };
 use egui::Context;
 use std::path::Path;
-use surgtpgs_core::{files::write_whole, marks::Marks};
+use surgtpgs_core::{files::write_whole, marks::Marks, sequence::Sequence};
 
 impl Shared {
     /// Returns `true` if prompts can be asked: the reconstruction has features, or marks can be carried to it.
@@ -128,9 +128,10 @@ impl Shared {
 
     /// Reads a file of marks in the background.
     pub(crate) fn read_marks(&mut self, file: &Path, ctx: &Context) {
-        let Some(canvas) = self.info().map(canvas) else { return };
-        let at = file.to_owned();
-        self.opening.marks = Some(Task::start("marks", ctx, move |_| Marks::read(&at, &canvas)));
+        let Some(info) = self.info() else { return };
+        let (at, canvas, recording) = (file.to_owned(), canvas(info), info.sequence.clone());
+        let open = move || Sequence::open(&recording?).ok();
+        self.opening.marks = Some(Task::start("marks", ctx, move |_| Marks::read_for(&at, &canvas, open)));
     }
 
     /// Takes the marks that were read, beside those that are there.

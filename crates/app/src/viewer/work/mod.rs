@@ -4,6 +4,7 @@
 mod asking;
 mod exporting;
 mod marking;
+mod notes;
 mod opening;
 mod saving;
 mod training;

@@ -17,6 +17,7 @@ use crate::viewer::{
         saving::{Origin, Saved, ToApply},
         session::Session,
         view_mode::ViewMode,
+        zoom::Zoom,
     },
 };
 use egui::{Context, Event};
@@ -31,7 +32,7 @@ impl Shared {
         self.saving.to_apply = None;
         // Opening something gives up the demo, even if it is still being made.
         self.opening.demo = None;
-        self.reconstruction.finished.take_if(|scene| scene == path);
+        self.reconstruction.forget(path);
         if Session::is_file(path) {
             let session = Session::load(path);
             if let Some(session) = self.settle(session) {
@@ -144,6 +145,7 @@ impl Shared {
         let Some(open) = self.settle(Open::start(source, ctx)) else { return };
         let info = &open.info;
         let is_same_recording = self.info().is_some_and(|i| i.is_same_recording(info));
+        let loses_frames = self.info().is_some_and(|i| i.has_other_frames(info)) && !self.is_untouched();
         self.put_unsaved_aside(is_same_recording);
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
         self.playback =
@@ -156,13 +158,19 @@ impl Shared {
             // What is usual need not be saved.
             self.saving.saved = Saved { content: self.document.content().clone(), ..Saved::default() };
         }
-        self.document.look = Look::default();
+        // The part of the picture that is enlarged stays, and so does the mark that is being drawn on it.
+        let zoom = if is_same_recording { self.document.look.zoom } else { Zoom::default() };
+        self.document.look = Look { zoom, ..Look::default() };
         self.document.mode = ViewMode::usual(info);
         let Viewport { probe, has_ruler, marking, .. } = &mut self.viewport;
-        (*probe, *has_ruler, marking.draft) = (None, false, None);
+        (*probe, *has_ruler) = (None, false);
         if !is_same_recording {
             *marking = Marking::default();
             self.opening.marks = None;
+        }
+        if loses_frames {
+            let what = "These are other frames than before: your work on those is kept";
+            self.say(what, None, ctx.input(|i| i.time));
         }
         self.open = Some(open);
         let title = format!("{} – SurgTPGS", self.title());
@@ -176,8 +184,8 @@ impl Shared {
             _ => path,
         });
         let is_asked = self.saving.to_apply.is_some();
-        let is_back = !is_asked && self.bring_back(path);
-        let saved = if is_asked || is_back { None } else { self.bring_saved(path) };
+        let is_back = !is_asked && self.bring_back();
+        let saved = if is_asked || is_back { None } else { self.bring_saved() };
         self.apply_session(0.0);
         let now = ctx.input(|i| i.time);
         if is_back {
@@ -186,7 +194,7 @@ impl Shared {
             self.say(format!("Your saved work on this recording is back: {name}"), None, now);
         }
         let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
-        if let Some(request) = request.filter(|_| self.reconstruction.training.is_none()) {
+        if let Some(request) = request.filter(|r| !self.reconstruction.is_planned(&r.recording)) {
             self.start_training(request, ctx);
         }
         let is_bare = !self.is_reconstructing() && self.info().is_some_and(|i| !i.has_reconstruction);

@@ -12,7 +12,7 @@ use crate::viewer::{
     },
 };
 use egui::Context;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 impl Shared {
     /// Returns the session of the present state; `None` while nothing is open.
@@ -36,22 +36,33 @@ impl Shared {
             earlier_prompts: self.prompt_box.earlier.clone(),
             unknown: self.saving.saved.unknown.clone(),
             recording: info.frames_sha256.clone(),
+            spots: info.spots_sha256.clone(),
+            sequence: info.sequence.clone(),
             ..Session::new(info.path.clone())
         })
     }
 
     /// Returns `true` if a session is about what is open.
     pub(crate) fn is_about_open(&self, session: &Session) -> bool {
-        self.info().is_some_and(|info| {
-            let is_same = session.recording.is_some() && session.recording == info.frames_sha256;
-            is_same || session.opened == info.path
-        })
+        self.info().is_some_and(|info| session.is_about(info))
+    }
+
+    /// Returns `true` if nothing was decided yet about what is open.
+    pub(crate) fn is_untouched(&self) -> bool {
+        self.saving.saved.file.is_none() && !self.is_unsaved()
+    }
+
+    /// Returns the path of a session's scene or recording: the earlier one, or, if nothing is there any more,
+    /// that of what is open and has its frames.
+    fn path_of(&self, session: &Session) -> PathBuf {
+        let moved = self.info().filter(|info| session.is_about(info) && !session.opened.exists());
+        moved.map_or(&session.opened, |info| &info.path).clone()
     }
 
     /// Opens the scene or recording of a session; the session itself is applied once that is open.
     pub(crate) fn open_session(&mut self, session: Session, origin: Origin, ctx: &Context) {
-        let opened = session.opened.clone();
-        self.open_path(&opened, ctx);
+        let path = self.path_of(&session);
+        self.open_path(&path, ctx);
         self.saving.to_apply = Some(ToApply { session, origin });
     }
 
@@ -64,38 +75,36 @@ impl Shared {
 
     /// Gives up the session to apply, because what it is about cannot be opened. Unsaved work stays kept.
     pub(crate) fn drop_session(&mut self) {
-        if let Some(ToApply { origin: Origin::Left(_), .. }) = self.saving.to_apply.take() {
-            let why = self.problem.take().unwrap_or_default();
-            let hint = "Your work is still kept: put the recording back where it was, then restore it.";
-            self.problem = Some(format!("{why} {hint}"));
-            // It would be offered at once, and could not be restored.
-            self.saving.is_recovery_put_off = true;
-        }
+        let Some(dropped) = self.saving.to_apply.take() else { return };
+        // It would be offered at once, and could not be restored.
+        self.saving.is_recovery_put_off |= matches!(dropped.origin, Origin::Left(_));
+        let why = self.problem.take().unwrap_or_default();
+        self.problem = Some(format!("{why} {}", hint(&dropped)));
     }
 
-    /// Takes the work on `path` that this window put aside, to apply it; returns `false` if there is none. Work
-    /// of another window is offered, and so is what would replace unsaved work.
-    pub(crate) fn bring_back(&mut self, path: &Path) -> bool {
-        let is_free = !self.is_unsaved();
-        let Some(left) = self.saving.autosave.recall(path) else { return false };
-        let brings = left.is_own && is_free;
-        if brings {
-            let (session, origin) = (left.session.clone(), Origin::Left(left.id));
-            self.saving.to_apply = Some(ToApply { session, origin });
-        } else {
-            self.saving.is_recovery_put_off = false;
-        }
+    /// Takes the work on what is open that this window put aside, to apply it; returns `false` if there is
+    /// none. Work of another window or on other frames is offered, and so is what would replace decisions.
+    pub(crate) fn bring_back(&mut self) -> bool {
+        let is_free = self.is_untouched();
+        let Some(info) = self.open.as_ref().map(|open| &open.info) else { return false };
+        let left = self.saving.autosave.recall(info).filter(|left| is_free && left.is_own);
+        let back = left.filter(|left| !left.session.is_of_other_frames(info));
+        let back = back.map(|left| (left.session.clone(), Origin::Left(left.id)));
+        let brings = back.is_some();
+        self.saving.to_apply = back.map(|(session, origin)| ToApply { session, origin });
+        self.saving.is_recovery_put_off &= brings;
         brings
     }
 
-    /// Takes the session that was saved last beside what was opened at `path`, if nothing is decided yet, to
-    /// apply it. Returns its name.
-    pub(crate) fn bring_saved(&mut self, path: &Path) -> Option<String> {
-        let info = &self.open.as_ref()?.info;
-        let is_fresh = self.saving.saved.file.is_none() && !self.is_unsaved();
-        let frames = info.frames_sha256.as_deref().filter(|_| is_fresh)?;
-        let (file, session) = Session::newest_in(&info.output_folder, frames)?;
-        if self.saving.autosave.recall(path).is_some() {
+    /// Takes the session that was saved last beside what is open, if nothing is decided yet, to apply it.
+    /// Returns its name.
+    pub(crate) fn bring_saved(&mut self) -> Option<String> {
+        let is_free = self.is_untouched();
+        let info = self.open.as_ref().map(|open| &open.info);
+        let info = info.filter(|info| is_free && info.frames_sha256.is_some())?;
+        let (file, session) = Session::newest_in(&info.output_folder, info)?;
+        let left = self.saving.autosave.recall(info);
+        if left.is_some_and(|left| !left.session.is_of_other_frames(info)) {
             // There is later work, which is offered.
             return None;
         }
@@ -108,25 +117,31 @@ impl Shared {
     pub(crate) fn apply_session(&mut self, now: f64) {
         let Some(ToApply { session, origin }) = self.saving.to_apply.take() else { return };
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
+        let is_of_other_frames = session.is_of_other_frames(&info);
         let file = match origin {
             Origin::File(file) => Some(file),
+            Origin::Left(id) if is_of_other_frames => {
+                // What does not fit is lost here, so that the work itself stays with its frames.
+                self.saving.autosave.make_own(id);
+                self.saving.for_later.push(id);
+                None
+            }
             Origin::Left(id) => {
                 self.saving.autosave.adopt(id);
                 None
             }
         };
-        let Session { content, display, time, earlier_prompts, unknown, recording, .. } = session;
-        if let (Some(then), Some(now)) = (&recording, &info.frames_sha256)
-            && then != now
-        {
-            let what = "The recording is not as it was when this session was saved: its frames have other names or sizes.";
-            self.problem = Some(format!("{what} Check that marks and bookmarks are where they belong."));
-        }
+        let Session { content, display, time, earlier_prompts, unknown, .. } = session;
+        let count = |content: &Content| content.marks.all().len() + content.bookmarks.len();
+        let count_before = count(&content);
         let saved = if file.is_some() { content.clone() } else { Content::default() };
         let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
         let canvas = canvas(&info);
         let marks = content.marks.kept(|mark| mark.fits(&canvas));
         self.document.load(Content { marks, ..content }, info.num_frames);
+        if is_of_other_frames {
+            self.problem = Some(other_frames(count(self.document.content()) < count_before));
+        }
         if display.mode.is_possible(&info) {
             self.document.mode = display.mode;
         }
@@ -248,4 +263,23 @@ impl Shared {
             self.window_size = Some(size.into());
         }
     }
+}
+
+/// Says what to do about a session whose scene or recording cannot be opened.
+fn hint(ToApply { session, origin }: &ToApply) -> String {
+    let first = match session.recording {
+        Some(_) => "open the recording where it is now",
+        None => "put the recording back where it was",
+    };
+    match origin {
+        Origin::Left(_) => format!("Your work is still kept: {first}, then restore it."),
+        Origin::File(_) => format!("If the recording was moved, {first}, then open this session again."),
+    }
+}
+
+/// Says that a session was made on other frames, and if some of its content was left out.
+fn other_frames(lacks_some: bool) -> String {
+    let what = "The recording is not as it was when this session was saved: its frames are other ones.";
+    let lost = if lacks_some { " Marks or bookmarks that do not fit it were left out." } else { "" };
+    format!("{what}{lost} Check that marks and bookmarks are where they belong.")
 }

@@ -2,6 +2,7 @@
 
 use crate::viewer::{
     backend::{FrameSource, TrainNews, TrainRequest, task::TaskEvent},
+    remedy::message,
     shared::{Dialog, Shared},
     state::{reconstruction::Training, toast::SHOWN_SECS, view_mode::ViewMode},
 };
@@ -36,7 +37,7 @@ impl Shared {
 
     /// Takes the news of the training.
     pub(crate) fn poll_training(&mut self, now: f64, ctx: &Context) {
-        while let Some(event) = self.reconstruction.training.as_mut().and_then(|t| t.task.poll()) {
+        while let Some(event) = self.reconstruction.training.as_mut().and_then(Training::poll) {
             match event {
                 // The task keeps it.
                 TaskEvent::Progress(_) => {}
@@ -57,7 +58,6 @@ impl Shared {
             if let Some(frame) = looked_at {
                 training.task.set_play_head(frame);
             }
-            training.follow();
             training.watch_memory(now);
         }
     }
@@ -73,7 +73,7 @@ impl Shared {
         open.preview(source);
     }
 
-    /// Opens the finished scene, unless something else is shown or the window is busy.
+    /// Takes the end of the training, with its scene or without, and begins the next one.
     fn end_training(&mut self, result: Result<PathBuf>, ctx: &Context) {
         let shows_preview = self.is_reconstructing() && self.info().is_some_and(|i| i.has_reconstruction);
         let Some(training) = self.reconstruction.training.take() else { return };
@@ -89,29 +89,48 @@ impl Shared {
         if let Some(next) = next {
             self.start_training(next, ctx);
         }
-        if let Ok(scene) = &result {
-            self.preferences.remember(scene);
+        match result {
+            Ok(scene) => self.take_scene(scene, &training, ctx),
+            Err(error) => {
+                if shows_preview {
+                    // No file holds what the last preview shows.
+                    self.open_path(&training.recording, ctx);
+                }
+                self.tell_end(&training, &error, ctx.input(|i| i.time));
+            }
         }
-        let is_busy =
-            self.opening.underway.is_some() || matches!(self.dialog, Some(Dialog::Export | Dialog::Quality));
-        match self.settle(result) {
-            Some(scene) if !is_busy && self.info().is_some_and(|i| training.is_about(i)) => {
-                self.open_path(&scene, ctx);
-            }
-            Some(scene) => self.reconstruction.finished = Some(scene),
-            // No file holds what the last preview shows, so the recording is opened again.
-            None if training.features.is_some() && !is_lost => {
-                self.problem = None;
-                let what = "Stopped. What was found so far is kept: reconstructing again goes on from there";
-                self.say(what, None, ctx.input(|i| i.time));
-            }
-            None if shows_preview => {
-                let problem = self.problem.take();
-                self.open_path(&training.recording, ctx);
-                self.problem = problem;
-            }
-            None => {}
+    }
+
+    /// Opens a finished scene, or offers it while something else is shown or the window is busy.
+    fn take_scene(&mut self, scene: PathBuf, training: &Training, ctx: &Context) {
+        self.preferences.remember(&scene);
+        let is_busy = self.opening.underway.is_some()
+            || self.opening.is_making_demo()
+            || self.viewport.marking.draft.is_some()
+            || matches!(self.dialog, Some(Dialog::Export | Dialog::Quality));
+        if !is_busy && self.info().is_some_and(|i| training.is_about(i)) {
+            self.open_path(&scene, ctx);
+        } else {
+            self.reconstruction.offer(scene);
         }
+    }
+
+    /// Tells that a training ended without a scene. One that was stopped is no problem.
+    fn tell_end(&mut self, training: &Training, error: &Error, now: f64) {
+        let is_shown = self.info().is_some_and(|i| training.is_about(i));
+        let name = self.path_name(&training.recording);
+        if !matches!(error, Error::Cancelled) {
+            let why = message(error);
+            let named = format!("{name} could not be reconstructed: {why}");
+            self.problem = Some(if is_shown { why } else { named });
+            return;
+        }
+        let what = match training.features {
+            Some(_) => "what was found so far is kept, and reconstructing again goes on from there",
+            None => "nothing was learned yet",
+        };
+        let who = if is_shown { "Stopped".to_owned() } else { format!("{name} was stopped") };
+        self.say(format!("{who}: {what}"), None, now);
     }
 
     /// Delays closing the window: during an export until it is asked again, and until the scene is saved.

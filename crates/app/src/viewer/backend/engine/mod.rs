@@ -1,5 +1,6 @@
 //! Implementation of the window's [`Backend`] by the real engine.
 
+mod features;
 mod info;
 mod recording;
 mod scene;
@@ -86,6 +87,7 @@ impl Backend for EngineBackend {
             quality: Quality::default(),
             excluded: Vec::new(),
             words: Words::Labels,
+            features: None,
         };
         Ok(Demo { path: paths.recording, train: Some(train) })
     }
@@ -109,9 +111,10 @@ impl Backend for EngineBackend {
         paths::show_folder(folder)
     }
 
-    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
+    fn evaluate(&self, scene: &Path, left_out: &[(usize, usize)], task: &TaskContext) -> Result<Evaluation> {
         let mut engine = Engine::open(scene, EngineOptions::default())?;
-        evaluation::evaluate(&mut engine, Extras::default(), &mut |p| task.follow(p))
+        let extras = Extras { left_out, ..Default::default() };
+        evaluation::evaluate(&mut engine, extras, &mut |p| task.follow(p))
     }
 
     fn check_models(&self, models: &Models, task: &TaskContext) -> Result<ModelFaults> {
@@ -119,6 +122,16 @@ impl Backend for EngineBackend {
         task.check()?;
         let [masks, images, texts] = faults.map(|fault| fault.map(|e| message(&e)));
         Ok(ModelFaults { masks, images, texts })
+    }
+
+    fn found_before(
+        &self,
+        models: &Models,
+        recording: &Path,
+        folders: &[PathBuf],
+        task: &TaskContext,
+    ) -> Result<Option<PathBuf>> {
+        features::found_before(models, recording, folders, task)
     }
 
     fn available_bytes(&self) -> Option<u64> {

@@ -1,7 +1,7 @@
 //! A recording that is not reconstructed yet, as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering, SCENE, paths::numbered_path};
+use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering, earlier};
 use crate::{engine::Question, jobs::Material};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,6 @@ use surgtpgs_core::{
     demo::{self, DemoSettings},
     files::full_path,
     grid::Grid,
-    scene::Scene,
-    sequence::Sequence,
 };
 
 /// A recording that is not reconstructed yet.
@@ -23,17 +21,17 @@ pub(super) struct RecordingSource {
 impl RecordingSource {
     pub(super) fn new(material: &Material, path: PathBuf) -> Self {
         let sequence = material.sequence().clone();
-        let folder = output_folder(&path);
-        let info = Info {
-            made_before: made_before(&sequence, &folder),
+        let outline = sequence.outline();
+        let mut info = Info {
             name: sequence.name(),
-            output_folder: folder,
+            output_folder: output_folder(&path),
             recording: Some(path.clone()),
             path,
             sequence: Some(full_path(sequence.path())),
-            frames_sha256: Some(sequence.outline().outline_digest()),
+            frames_sha256: Some(outline.outline_digest()),
+            spots_sha256: outline.spots_digest(),
             num_frames: sequence.num_frames(),
-            frame_names: sequence.outline().names().map(str::to_owned).collect(),
+            frame_names: outline.names().map(str::to_owned).collect(),
             width: sequence.width(),
             height: sequence.height(),
             frames_per_second: sequence.frames_per_second(),
@@ -44,6 +42,7 @@ impl RecordingSource {
             example_prompts: examples(sequence.classes().iter().map(|c| c.name.as_str())),
             ..Info::default()
         };
+        info.made_before = earlier::made_before(&info);
         Self { frame: Box::new(move |i| sequence.frame(i)), info }
     }
 
@@ -88,20 +87,6 @@ impl FrameSource for RecordingSource {
     fn scores(&mut self, _: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         questions.iter().map(|_| Err(not_reconstructed())).collect()
     }
-}
-
-/// Returns the newest reconstruction of a recording under a name that is offered for it.
-fn made_before(sequence: &Sequence, folder: &Path) -> Option<PathBuf> {
-    let frames = sequence.outline().outline_digest();
-    let is_of_it = |path: &PathBuf| {
-        let identity = Scene::provenance_of(path).and_then(|provenance| provenance.identity);
-        identity.is_some_and(|identity| identity.outline_digest() == frames)
-    };
-    let modified = |path: &PathBuf| path.metadata().and_then(|about| about.modified()).ok();
-    let name = sequence.name();
-    let there =
-        (1..100).map(|number| numbered_path(folder, &name, SCENE, number)).filter(|path| path.exists());
-    there.filter(is_of_it).max_by_key(modified)
 }
 
 fn not_reconstructed() -> Error {

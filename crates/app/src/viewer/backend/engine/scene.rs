@@ -7,7 +7,7 @@ use crate::viewer::{
     text::thousands,
 };
 use image::RgbImage;
-use std::{path::PathBuf, sync::Arc};
+use std::{ops::Range, path::PathBuf, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
     files::full_path,
@@ -40,7 +40,7 @@ impl SceneSource {
         let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
         let chapters = scene.chapters.iter().len();
         let missing = scene.chapters.num_missing(scene.num_frames());
-        if chapters > 0 {
+        if chapters > 1 {
             let why = "A long recording is reconstructed in parts, each with Gaussians of its own.";
             notes.push((format!("{chapters} parts"), why.to_owned()));
         }
@@ -63,6 +63,7 @@ impl SceneSource {
             recording,
             sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),
             frames_sha256: identity.map(|identity| identity.outline_digest()),
+            spots_sha256: identity.and_then(|identity| identity.spots_digest()),
             num_frames: scene.num_frames(),
             frame_names: engine.frame_sources().into(),
             width: size.0,
@@ -138,6 +139,10 @@ impl SceneSource {
 impl FrameSource for SceneSource {
     fn info(&self) -> &Info {
         &self.info
+    }
+
+    fn shot_of(&self, frame: usize) -> Range<usize> {
+        self.engine.scene().shot_of(frame)
     }
 
     fn original(&mut self, frame: usize) -> Result<RgbImage> {

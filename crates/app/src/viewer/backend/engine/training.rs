@@ -1,8 +1,9 @@
 //! Training for the window: with previews, and saved with patience.
 
-use super::scene::SceneSource;
+use super::{features, scene::SceneSource};
 use crate::viewer::backend::{
     Models, PREPARING, SCENE, TrainNews, TrainRequest, Words,
+    earlier::STOPPED,
     paths::free_path,
     task::{NOT_SAVED, TaskContext},
 };
@@ -22,7 +23,7 @@ use surgtpgs_core::{
     files::OutputFile,
     prepare::Prepared,
     scene::Scene,
-    segment::{Level, MaskSettings},
+    segment::MaskSettings,
     sequence::Sequence,
     train::{Plan, StepReport, TrainSettings},
 };
@@ -82,21 +83,42 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         return Err(Error::Cancelled);
     }
     let write = |output: &OutputFile| output.write_with(|file| trained.scene.write(file, false));
-    // A training that was stopped does not replace a whole scene.
-    if !course.is_whole(&trained) && jobs::is_whole_scene(output.path()) {
+    if !course.is_whole(&trained) && is_better(output.path(), trained.scene.provenance.steps) {
         let beside = stopped_beside(&request.scene);
         let save = || write(&outputs::scene_file(&beside, &inputs, false)?);
-        return save_with_patience(trained.steps, &save, task).map(|()| beside);
+        save_with_patience(trained.steps, &save, task)?;
+        move_parts(output.path(), &beside);
+        return Ok(beside);
     }
     save_with_patience(trained.steps, &|| write(&output), task)?;
     course.clear(&trained)?;
     Ok(request.scene.clone())
 }
 
+/// Returns `true` if a training that was stopped after some steps must not replace the scene in a file, which
+/// is whole or had learned more.
+fn is_better(scene: &Path, steps: usize) -> bool {
+    match jobs::stopped_at(scene) {
+        Some(stopped) => stopped.steps > steps,
+        None => scene.exists(),
+    }
+}
+
+/// Moves the parts of a long recording that lie beside a scene to another one, which goes on with them.
+fn move_parts(from: &Path, to: &Path) {
+    for part in jobs::begun_chapters(from) {
+        let chapter = part.file_stem().and_then(|stem| Path::new(stem).extension());
+        if let (Some(chapter), Some(kind)) = (chapter, part.extension()) {
+            // A part that cannot be moved is made anew.
+            let _ = std::fs::rename(&part, to.with_extension(chapter).with_added_extension(kind));
+        }
+    }
+}
+
 /// Returns a free path beside a scene, for one whose training was stopped.
 fn stopped_beside(scene: &Path) -> PathBuf {
     let (folder, name) = (scene.parent().unwrap_or(Path::new(".")), scene.file_stem().unwrap_or_default());
-    free_path(folder, &format!("{}-stopped", name.to_string_lossy()), SCENE, &[])
+    free_path(folder, &format!("{}-{STOPPED}", name.to_string_lossy()), SCENE, &[])
 }
 
 /// Prepares a recording with networks, in a folder beside the scene that stays: after a stop, or with other
@@ -112,7 +134,7 @@ fn prepared_by_models(
             model: models.masks.clone(),
             image_encoder: models.images.clone(),
             settings: MaskSettings::of_grid(models.points_per_side),
-            level: Level::Default,
+            level: features::LEVEL,
         },
         encoder: text_encoder(models),
         ..PrepareOptions::default()
@@ -178,13 +200,14 @@ mod models;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::backend::task::{Task, TaskEvent};
+    use crate::viewer::backend::task::{Progress, Task, TaskEvent};
     use crate::viewer::backend::{
         Backend, FrameSource,
+        earlier::{Earlier, features_beside},
         engine::{EngineBackend, recording::RecordingSource},
     };
     use image::{Rgb, RgbImage};
-    use surgtpgs_core::train::Quality;
+    use surgtpgs_core::{demo::DemoSettings, train::Quality};
 
     /// Waits for the result of a task. With `until_told`, returns `None` once the task reports that something
     /// is not saved yet.
@@ -258,6 +281,7 @@ mod tests {
             quality: Quality::Quick,
             excluded: Vec::new(),
             words: Words::Labels,
+            features: None,
         };
         let again = TrainRequest { replaces: true, ..request.clone() };
         let train = move |task: &TaskContext<TrainNews>| reconstruct(&request, task).map(drop);
@@ -282,6 +306,62 @@ mod tests {
             assert_eq!(reconstruct(&again, &stopping).unwrap(), folder.path().join(name));
         }
         assert!(std::fs::read(&scene).unwrap() == whole, "a stopped training does not replace a whole scene");
+    }
+
+    fn earlier_on(recording: &Path) -> Earlier {
+        let source = RecordingSource::new(&Material::open(recording).unwrap(), recording.to_owned());
+        Earlier::on(source.info())
+    }
+
+    #[test]
+    fn what_was_stopped_is_found_again_and_not_replaced_by_less() {
+        let folder = tempfile::tempdir().unwrap();
+        let [recording, scene] = ["clip", "clip.safetensors"].map(|name| folder.path().join(name));
+        let tiny = DemoSettings { width: 32, height: 24, frames: 4, ..DemoSettings::default() };
+        surgtpgs_core::demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
+        assert_eq!(earlier_on(&recording), Earlier::default());
+        let request = TrainRequest {
+            recording: recording.clone(),
+            scene: scene.clone(),
+            replaces: true,
+            quality: Quality::Best,
+            excluded: Vec::new(),
+            words: Words::Nothing,
+            features: None,
+        };
+        let stopped_after = |steps: usize| {
+            let task = TaskContext::stopping_at(move |p| p.stage == jobs::TRAINING && p.done >= steps);
+            reconstruct(&request, &task).unwrap()
+        };
+        assert_eq!(stopped_after(4), scene);
+        assert_eq!(earlier_on(&recording), Earlier::default(), "there is nothing to go on with");
+        let steps = || jobs::stopped_at(&scene).unwrap().steps;
+        let [beside, second] =
+            ["clip-stopped", "clip-stopped-2"].map(|name| folder.path().join(name).with_extension(SCENE));
+        assert_eq!((stopped_after(2), steps()), (beside.clone(), 4));
+
+        let part = surgtpgs_core::stress::ordinary(4);
+        part.save(&jobs::chapter_path(&beside, 3)).unwrap();
+        let stopped = earlier_on(&recording).stopped.unwrap();
+        assert_eq!((&stopped.path, stopped.quality(&[])), (&beside, Some(Quality::Best)));
+        assert_eq!(stopped.quality(&[(0, 0)]), None, "frames are left out since");
+        assert!(stopped.finds(&Words::Nothing) && !stopped.finds(&Words::Labels));
+
+        assert_eq!((stopped_after(6), steps()), (scene.clone(), 6));
+        part.save(&jobs::chapter_path(&scene, 3)).unwrap();
+        assert_eq!((stopped_after(2), steps()), (second.clone(), 6), "with parts, too");
+        assert_eq!(earlier_on(&recording).stopped.unwrap().path, second, "the newest");
+    }
+
+    #[test]
+    fn parts_of_a_long_recording_go_with_the_scene_that_was_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let [whole, stopped] =
+            ["op.1.safetensors", "op.1-stopped.safetensors"].map(|name| folder.path().join(name));
+        surgtpgs_core::stress::ordinary(4).save(&jobs::chapter_path(&whole, 3)).unwrap();
+        move_parts(&whole, &stopped);
+        assert_eq!(jobs::begun_chapters(&stopped), [jobs::chapter_path(&stopped, 3)]);
+        assert!(jobs::begun_chapters(&whole).is_empty());
     }
 
     /// Writes a recording of two colours, and networks that tell colours apart.
@@ -338,12 +418,19 @@ mod tests {
         let (recording, models) = recording_and_models(folder.path());
         let request = TrainRequest {
             recording,
-            scene: folder.path().join("clip.safetensors"),
+            scene: folder.path().join("recording.safetensors"),
             replaces: false,
             quality: Quality::Quick,
             excluded: Vec::new(),
-            words: Words::Models(models),
+            words: Words::Models(models.clone()),
+            features: None,
         };
+        let found = |models: &Models| {
+            let folders = earlier_on(&request.recording).features;
+            let task = TaskContext::stopping_at(|_| false);
+            EngineBackend.found_before(models, &request.recording, &folders, &task).unwrap()
+        };
+        assert_eq!(found(&models), None);
         let until = |stage: &'static str| {
             let task = TaskContext::stopping_at(move |p| p.stage.starts_with(stage) && p.done > 0);
             reconstruct(&request, &task)
@@ -351,8 +438,21 @@ mod tests {
         let stopped = until(PREPARING);
         assert!(matches!(stopped, Err(Error::Cancelled)), "{stopped:?}");
         assert!(request.features_folder().join("masks").is_dir(), "what was found is kept");
+        assert_eq!(found(&models), Some(request.features_folder()));
         let scene = until("training").unwrap();
         let scene = Scene::load(&scene).unwrap();
         assert!(scene.codec.is_some(), "words can be asked");
+
+        let finer = Models { points_per_side: 16, ..models.clone() };
+        let other = Models { images: folder.path().join("other"), ..models.clone() };
+        assert_eq!([&finer, &other].map(found), [None, None], "they would replace it");
+        let features = found(&models);
+        assert_eq!(features, Some(request.features_folder()));
+        let scene = folder.path().join("recording-2.safetensors");
+        let again = TrainRequest { scene, features, ..request.clone() };
+        let is_found_anew = |p: &Progress| p.detail.starts_with("point ");
+        let task = TaskContext::stopping_at(move |p| p.stage == jobs::TRAINING || is_found_anew(p));
+        assert_eq!(reconstruct(&again, &task).unwrap(), again.scene, "what was found is used again");
+        assert!(!features_beside(&again.scene).exists());
     }
 }
