@@ -7,7 +7,7 @@
 #
 # Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, or the
 # newest that lie in the target folder (cargo build --release; cargo test --release --no-run --test passes
-# --package surgtpgs-render). Recordings are looked for where SURGTPGS_DATA says, or else in ../shared/data.
+# --package surgtpgs-render). Recordings are looked for in the folder that SURGTPGS_DATA names.
 #
 # The code is 0 if everything agrees, 1 if something failed, 3 if there is no adapter or no program.
 set -euo pipefail
@@ -31,7 +31,7 @@ newest() {
 
 program=${SURGTPGS_BIN:-$(newest "$target"/{release,debug}/surgtpgs)}
 passes=${SURGTPGS_PASSES:-$(newest "$target"/{release,debug}/deps/passes-*)}
-data=${SURGTPGS_DATA:-$root/../shared/data}
+data=${SURGTPGS_DATA:-}
 
 short=
 pack=
@@ -237,7 +237,7 @@ if [[ $short ]]; then
 else
   # Of the clip that is there in two forms, the one without losses is taken.
   for recording in cholecseg8k_raw endonerf_pulling pulling.mp4; do
-    if [[ -e $data/$recording && ! ( $recording == pulling.mp4 && -e $data/endonerf_pulling ) ]]; then
+    if [[ $data && -e $data/$recording && ! ( $recording == pulling.mp4 && -e $data/endonerf_pulling ) ]]; then
       arguments+=(--recording "$data/$recording")
     fi
   done
