@@ -7,6 +7,7 @@ use crate::{
     grid::Grid,
     progress::{Progress, unobserved},
     sequence::{DepthKind, MONOCULAR_BASELINE},
+    stress::made_up_encoder,
 };
 use image::{Rgb, RgbImage};
 use std::{
@@ -76,13 +77,7 @@ fn prepared_folders_keep_it_and_held_out_frames_have_none() {
     let prepare = |sequence: &Sequence| {
         let map = RegionMap::filled(40, 30, 0);
         let mut features = |_| Ok(Some(FrameFeatures { regions: map.clone(), rows: vec![vec![1.0, 0.0]] }));
-        let encoder = EncoderIdentity {
-            name: "made up".into(),
-            sha256: "00".into(),
-            dim: 2,
-            template: "{}".into(),
-            folder: None,
-        };
+        let encoder = made_up_encoder(2);
         let quick = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 5, seed: 0 };
         let origin = Origin::Dense { network: "00".into() };
         let sequence = sequence.clone();

@@ -7,6 +7,7 @@ use crate::{
     grid::Grid,
     progress::{Progress, unobserved},
     segment::{BitMask, Level, MaskSettings, tests::ByColour},
+    stress::made_up_encoder,
 };
 use image::{Rgb, RgbImage};
 use std::{fs, ops::ControlFlow};
@@ -24,10 +25,6 @@ fn write_clip(folder: &Path) -> Sequence {
     }
     fs::write(folder.join("sequence.toml"), "[masks]\nfield_of_view = \"whole\"\n").unwrap();
     Sequence::open(folder).unwrap()
-}
-
-fn encoder(dim: usize) -> EncoderIdentity {
-    EncoderIdentity { name: "made up".into(), sha256: "00".into(), dim, template: "{}".into(), folder: None }
 }
 
 /// Embeds a mask as the mean colour of its pixels.
@@ -88,7 +85,7 @@ impl Place {
         let sequence = self.sequence.clone();
         prepare_from_features(
             sequence,
-            encoder(dim),
+            made_up_encoder(dim),
             origin,
             &mut features,
             eval,
@@ -191,7 +188,7 @@ fn features_that_do_not_fit_are_named() {
         let mut give = |_: usize| Ok(Some(features.clone()));
         let done = prepare_from_features(
             sequence,
-            encoder(2),
+            made_up_encoder(2),
             Origin::Labels,
             &mut give,
             false,

@@ -5,6 +5,7 @@ use crate::{
     codec::{CodecKind, CodecSettings},
     marks::{Mark, Marks, Shape},
     progress::{Progress, unobserved},
+    stress::made_up_encoder,
 };
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use std::{fs, ops::ControlFlow};
@@ -42,13 +43,8 @@ fn write_clip(folder: &Path) {
 }
 
 fn encoder() -> EncoderIdentity {
-    EncoderIdentity {
-        name: "made up".into(),
-        sha256: "00".into(),
-        dim: DIM,
-        template: "a photo of a {} in the scene".into(),
-        folder: None,
-    }
+    let template = "a photo of a {} in the scene".into();
+    EncoderIdentity { template, ..made_up_encoder(DIM) }
 }
 
 /// Returns one embedding per class, all different.

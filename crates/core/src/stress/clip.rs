@@ -13,6 +13,11 @@ use std::path::Path;
 /// Length of the made-up embeddings.
 const DIM: usize = 8;
 
+/// Returns the identity of an encoder that does not exist, for made-up embeddings of this length.
+pub(crate) fn made_up_encoder(dim: usize) -> EncoderIdentity {
+    EncoderIdentity { name: "made up".into(), sha256: "00".into(), dim, template: "{}".into(), folder: None }
+}
+
 /// Writes the demo's clip at 64×48 to `folder/recording`, and prepares it with made-up embeddings of its
 /// classes in `folder/prepared`. Test frames are held out if there are more than two frames.
 pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
@@ -22,13 +27,7 @@ pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
     let sequence = Sequence::open(&recording)?;
     let embedding = |k: usize| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect();
     let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len()).map(embedding).collect();
-    let encoder = EncoderIdentity {
-        name: "made up".into(),
-        sha256: "00".into(),
-        dim: DIM,
-        template: "{}".into(),
-        folder: None,
-    };
+    let encoder = made_up_encoder(DIM);
     let codec = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 60, seed: 0 };
     let to = folder.join("prepared");
     prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut unobserved)

@@ -3,6 +3,8 @@
 mod clip;
 mod invariance;
 
+#[cfg(test)]
+pub(crate) use clip::made_up_encoder;
 pub use clip::small_clip;
 pub use invariance::{Invariance, invariances};
 

@@ -130,9 +130,10 @@ mod tests {
         codec::CodecSettings,
         demo::{self, DemoSettings},
         marks::{Mark, Marks, Shape},
-        prepare::{EncoderIdentity, MarkedNames, prepare_from_marks},
+        prepare::{MarkedNames, prepare_from_marks},
         progress::unobserved,
         sequence::Sequence,
+        stress::made_up_encoder,
         train::TrainSettings,
     };
     use std::path::Path;
@@ -148,14 +149,7 @@ mod tests {
         let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
         let row = |k: usize| (0..DIM).map(|j| f32::from(u8::from(j == k))).collect();
         let embeddings: Vec<Vec<f32>> = (0..2).map(row).collect();
-        let encoder = EncoderIdentity {
-            name: "made up".into(),
-            sha256: "00".into(),
-            dim: DIM,
-            template: "{}".into(),
-            folder: None,
-        };
-        let named = MarkedNames { marks: &marks, encoder, embeddings: &embeddings };
+        let named = MarkedNames { marks: &marks, encoder: made_up_encoder(DIM), embeddings: &embeddings };
         let codec = CodecSettings { steps: 60, ..CodecSettings::default() };
         let prepared = prepare_from_marks(sequence, named, true, &codec, folder, &mut unobserved).unwrap();
         let settings = TrainSettings { iterations: STEPS, ..TrainSettings::default() };

@@ -114,7 +114,7 @@ impl Asked {
         self.stopped.as_ref().filter(goes_on).map(|stopped| &stopped.path)
     }
 
-    /// Offers the file for what is asked for now, unless the user chose another one.
+    /// Offers the file that fits the choices, unless the user chose another one.
     fn offer(&mut self) {
         let offer = self.resumed().unwrap_or(&self.free).clone();
         let before = std::mem::replace(&mut self.offered, offer);
