@@ -122,7 +122,9 @@ fn a_session_of_a_recording_that_has_changed_opens_and_says_so() {
         open(&mut window, &file);
         window.harness.step();
         assert_eq!(window.shows("The recording is not as it was"), is_said, "{sum}");
-        assert_eq!(window.harness.state().shared.document.bookmarks().len(), 1);
+        let shared = &window.harness.state().shared;
+        assert_eq!(shared.document.bookmarks().len(), 1);
+        assert_eq!(shared.saving.saved.file.is_none(), is_said, "what does not fit stays in the file");
     }
 }
 

@@ -119,9 +119,10 @@ impl Shared {
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
         let is_of_other_frames = session.is_of_other_frames(&info);
         let file = match origin {
-            Origin::File(file) => Some(file),
+            // What does not fit is lost here, so that it must not be saved over the file.
+            Origin::File(file) => Some(file).filter(|_| !is_of_other_frames),
             Origin::Left(id) if is_of_other_frames => {
-                // What does not fit is lost here, so that the work itself stays with its frames.
+                // Nor must it replace the work itself, which stays with its frames.
                 self.saving.autosave.make_own(id);
                 self.saving.for_later.push(id);
                 None
