@@ -83,7 +83,7 @@ class Player {
   say() {
     const { scene, frame, last } = this, seconds = scene.seconds ? ` · ${scene.seconds[frame].toFixed(2)} s` : "";
     byId("frame").value = scene.first + frame;
-    byId("place").textContent = `Frame ${scene.first + frame} of ${scene.first + last}${seconds}`;
+    byId("place").textContent = `Frame ${scene.first + frame + 1} of ${scene.first + last + 1}${seconds}`;
     byId("turned").hidden = this.isRecorded;
     byId("reset").disabled = this.isRecorded;
     for (const prompt of scene.prompts) {

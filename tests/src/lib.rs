@@ -173,3 +173,16 @@ pub fn flow() -> &'static Flow {
         flow
     })
 }
+
+/// Returns `true` if processes can be traced here; if not, prints the reason. Some machines forbid it, but
+/// where `CI` is set, `strace` has to be there.
+#[expect(clippy::print_stderr, reason = "a test says so when it has nothing to test with")]
+pub fn can_trace() -> bool {
+    let tried = Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).output();
+    assert!(tried.is_ok() || std::env::var_os("CI").is_none(), "there is no strace: {tried:?}");
+    let works = tried.as_ref().is_ok_and(|output| output.status.success());
+    if !works {
+        eprintln!("SKIPPED, nothing was traced: strace cannot be had ({tried:?})");
+    }
+    works
+}

@@ -336,6 +336,12 @@ fn what_was_prepared_is_used_where_the_recording_is_now() {
     batch.write(&jobs("a longer name", 5));
     let run = batch.run(&[]).ok();
     assert_eq!(run.stderr.matches(" is done\n").count(), 4, "{}", run.stderr);
+    // With its results, too, as on another machine.
+    let elsewhere = batch.path().with_extension("moved");
+    fs::rename(batch.path(), &elsewhere).unwrap();
+    let run = run_in(&elsewhere, &["batch", "jobs.toml"]);
+    fs::rename(&elsewhere, batch.path()).unwrap();
+    assert_eq!(run.stderr.matches(" is done\n").count(), 4, "{}", run.stderr);
     batch.write(&jobs("a longer name", 6));
     let run = batch.run(&[]).ok();
     assert!(

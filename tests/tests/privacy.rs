@@ -1,7 +1,7 @@
 //! Nothing leaves the machine: no crate that could, and no socket while the program runs.
 
 use std::{fs, iter, path::Path, process::Command};
-use surgtpgs_tests::{binary, cargo, flow, workspace};
+use surgtpgs_tests::{binary, can_trace, cargo, flow, workspace};
 
 /// Returns the crates that open connections, or make them secure.
 fn banned() -> Vec<String> {
@@ -50,20 +50,6 @@ fn sockets(folder: &Path, around: &[&str], command: &[&str]) -> (Vec<String>, us
     let local = |line: &&&str| line.contains("(AF_UNIX") || line.contains("sa_family=AF_UNIX");
     let others = calls.iter().filter(|line| !local(line)).map(|line| (*line).to_owned()).collect();
     (others, calls.len())
-}
-
-/// Returns `true` if processes can be traced here; if not, prints the reason. Some machines forbid it, but
-/// where `CI` is set, `strace` has to be there.
-#[cfg(target_os = "linux")]
-#[expect(clippy::print_stderr, reason = "a test says so when it has nothing to test with")]
-fn can_trace() -> bool {
-    let tried = Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).output();
-    assert!(tried.is_ok() || std::env::var_os("CI").is_none(), "there is no strace: {tried:?}");
-    let works = tried.as_ref().is_ok_and(|output| output.status.success());
-    if !works {
-        eprintln!("SKIPPED, no socket was looked for: strace cannot be had ({tried:?})");
-    }
-    works
 }
 
 #[cfg(target_os = "linux")]

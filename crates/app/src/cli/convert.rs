@@ -246,7 +246,7 @@ fn write_still(
     inputs: &Inputs,
     done: &mut Conversion,
 ) -> Result<()> {
-    let frame = args.frame.or_else(|| (0..scene.num_frames()).find(|f| scene.shows_frame(*f))).unwrap_or(0);
+    let frame = args.frame.or_else(|| frame_at(scene, args.time)).unwrap_or(0);
     if frame >= scene.num_frames() {
         let what = format!("there is no frame {frame}; the scene has {}, from 0", scene.num_frames());
         return Err(Error::input(what, "Give a smaller --frame."));
@@ -262,6 +262,13 @@ fn write_still(
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
+}
+
+/// Returns the last frame that is shown and not after `time`, or else the first that is shown.
+fn frame_at(scene: &Scene, time: Option<f32>) -> Option<usize> {
+    let shown = || (0..scene.num_frames()).filter(|f| scene.shows_frame(*f));
+    let before = time.and_then(|time| shown().rev().find(|f| scene.time(*f) <= time));
+    before.or_else(|| shown().next())
 }
 
 /// Error of frames that no chapter shows.
@@ -546,6 +553,15 @@ mod tests {
         assert_eq!(of("in first.ply", &chapters(&[1])), (1, 7, 0), "the first that is shown");
         assert_eq!(of("in all.safetensors", &scene), (1, 13, 0));
         assert_eq!(of("in whole", &ordinary(4)), (1, 4, 0));
+    }
+
+    #[test]
+    fn a_time_has_the_camera_of_the_frame_before() {
+        let mut scene = ordinary(4);
+        scene.cameras = vec![scene.cameras[0]; 4];
+        scene.times = vec![0.0, 0.25, 0.5, 0.75];
+        let times = [None, Some(0.0), Some(0.3), Some(0.99)];
+        assert_eq!(times.map(|time| frame_at(&scene, time)), [0, 0, 1, 3].map(Some));
     }
 
     #[test]

@@ -139,7 +139,7 @@ fn follow(job: &BatchJob, fingerprints: &[String]) -> Result<()> {
 }
 
 /// Returns a hash for each task of everything that its result depends on: the program, its command line, its
-/// inputs, the recording wherever it lies, and the steps before it.
+/// inputs, the recording wherever it and the results lie, and the steps before it.
 pub(super) fn fingerprints(job: &BatchJob) -> Vec<String> {
     // Nothing is read of a recording that was never begun.
     let is_begun = job.facts.get().is_some() || RecordingFacts::file(&job.folder).exists();
@@ -158,8 +158,12 @@ pub(super) fn fingerprints(job: &BatchJob) -> Vec<String> {
         let identity = facts.and_then(|facts| facts.identity.as_ref());
         add(identity.map_or(String::new(), Identity::digest).as_bytes());
         for part in &task.command {
-            let is_recording = part == job.recording.as_os_str();
-            add(if is_recording { b"the recording" } else { part.as_encoded_bytes() });
+            let inside = Path::new(part).strip_prefix(&job.folder).ok();
+            match inside {
+                _ if part == job.recording.as_os_str() => add(b"the recording"),
+                Some(inside) => add(inside.as_os_str().as_encoded_bytes()),
+                None => add(part.as_encoded_bytes()),
+            }
         }
         task.inputs
             .iter()
