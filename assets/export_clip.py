@@ -34,6 +34,9 @@ OPSET = 17
 INSIDE_BYTES = 1_500_000_000
 # What a checkpoint may put before the names of OpenAI's model.
 PREFIXES = ["sem_seg_head.predictor.clip_model.", "predictor.clip_model.", "clip_model.", "module.", "model.", "text."]
+# Numbers per attention head, which checkpoints do not tell: those of open_clip's wide image halves, by their width,
+# and those of all others.
+WIDE_HEADS, HEAD_WIDTH = {1280: 80, 1408: 88, 1664: 104, 1792: 112}, 64
 MEAN, STD = [0.48145466, 0.4578275, 0.40821073], [0.26862954, 0.26130258, 0.27577711]
 
 
@@ -155,8 +158,17 @@ class Graph:
         found = {n.split("resblocks.")[1].split(".")[0] for n in self.tensors if n.startswith(name + ".resblocks.")}
         return [f"{name}.resblocks.{i}" for i in range(len(found))]
 
+    def heads(self, block, options):
+        """Number of attention heads of a block."""
+        width, head_width = self.tensors[block + ".attn.in_proj_weight"].shape[1], HEAD_WIDTH
+        if block.startswith("visual."):
+            head_width = options.head_width or WIDE_HEADS.get(width, HEAD_WIDTH)
+        if width % head_width:
+            fail(f"{block} is {width} wide, no multiple of {head_width}", "--head-width gives that of the image half's heads")
+        return width // head_width
+
     def run_block(self, x, block, options, mask=None):
-        heads = self.tensors[block + ".attn.in_proj_weight"].shape[1] // options.head_width
+        heads = self.heads(block, options)
         x = self.op("Add", x, self.attention(self.norm(x, block + ".ln_1"), block + ".attn", heads, mask))
         return self.run_mlp(x, block, options)
 
@@ -272,7 +284,8 @@ def main():
     parser.add_argument("-o", "--output", type=pathlib.Path, required=True, help="folder to write text/ and image/ into")
     parser.add_argument("--tokenizer", type=pathlib.Path, required=True, help="CLIP's tokenizer.json")
     parser.add_argument("--activation", choices=["quick_gelu", "gelu"], default="quick_gelu")
-    parser.add_argument("--head-width", type=int, default=64, help="numbers per attention head")
+    parser.add_argument("--head-width", type=int, help="numbers per attention head of the image half, unless "
+                        "they are those of OpenAI's and open_clip's models: 64, and more where it is 1280 wide or wider")
     parser.add_argument("--dense-side", type=int, help="also write dense/: a multiple of the patches' side, such as 384")
     parser.add_argument("--trust", action="store_true", help="read pickles that may run code")
     options = parser.parse_args()

@@ -4,7 +4,8 @@
     python lay_out.py EXPORT RECORDING/images OUT
 
 writes OUT/frames.nrrd, the recorded pictures as a volume in which the .seg.nrrd of the export lies, and
-OUT/dataset/, a dataset of MONAI Label: NAME.png, labels/final/NAME.png and labels/final/labels.json.
+OUT/dataset/, a dataset of MONAI Label: NAME.png, labels/final/NAME.png and labels/final/labels.json. What the
+recording hides is black in both.
 
     python lay_out.py --back EXPORT OUT corrected.seg.nrrd
 
@@ -20,30 +21,54 @@ import nrrd
 import numpy as np
 from PIL import Image
 
-
-def frames_of(export):
-    """Numbers of the frames that an export has label pictures of, with the names of the recorded ones."""
-    record = json.loads((export / "provenance.json").read_text("utf-8"))
-    if not (record["complete"] and record["options"]["exclusive"]):
-        sys.exit(f"{export} is not a complete export with --exclusive: run it again")
-    frames = sorted({f["frame"] for f in record["files"] if f["name"].startswith("index/frame_")})
-    if not frames:
-        sys.exit(f"{export} has no label pictures: export with --format nrrd,index --exclusive")
-    return [(i, record["sequence_frame_names"][i]) for i in frames]
+# Endings of recorded pictures. Frames of videos have numbers for names, without an ending.
+ENDINGS = (".png", ".jpg", ".jpeg")
 
 
-def pictures(export, recording):
-    """Paths of the recorded pictures and of the label pictures, in order."""
-    pairs = [(recording / name, export / f"index/frame_{i:06}.png") for i, name in frames_of(export)]
-    missing = next((picture for picture, _ in pairs if not picture.is_file()), None)
-    if missing:
-        sys.exit(f"{missing} is missing: give the folder that holds the recorded pictures")
-    return pairs
+class Export:
+    """An export with the frames of its segmentation, in order."""
+
+    def __init__(self, folder):
+        record = json.loads((folder / "provenance.json").read_text("utf-8"))
+        if not (record["complete"] and record["options"]["exclusive"]):
+            sys.exit(f"{folder} is not a complete export with --exclusive: run it again")
+        labels = {f["frame"]: folder / f["name"] for f in record["files"] if f["name"].startswith("index/frame_")}
+        segmentation = next((folder / "nrrd").glob("*.seg.nrrd"), None)
+        if not (labels and segmentation):
+            sys.exit(f"{folder} lacks labels: export with --format nrrd,index --exclusive")
+        self.folder = folder
+        self.header = nrrd.read_header(str(segmentation))
+        self.width, self.height, depth = map(int, self.header["sizes"])
+        first, names = int(self.header["first_frame"]), record["sequence_frame_names"]
+        # The name of each recorded frame and its label picture; None where the scene does not show the frame.
+        self.frames = [(names[i], labels.get(i)) for i in range(first, first + depth)]
+        # Rectangles that are black in every frame.
+        self.hidden = record.get("hidden", [])
+
+    def picture(self, recording, name):
+        """Pixels of a recorded frame (row, column, colour), black where the recording is hidden."""
+        path = recording / (name + ".png" if stem(name) == name else name)
+        if not path.is_file():
+            sys.exit(f"{path} is missing: give the folder that holds the recorded pictures")
+        pixels = np.array(Image.open(path).convert("RGB"))
+        if pixels.shape[:2] != (self.height, self.width):
+            sys.exit(f"{path} is not {self.width}x{self.height} pixels large, as the recording is")
+        for hidden in self.hidden:
+            x, y = hidden["x"], hidden["y"]
+            pixels[y : y + hidden["height"], x : x + hidden["width"]] = 0
+        return pixels
 
 
-def write_volume(path, pairs):
-    """Writes the pictures as RGB, x, y, frame, with the axes of the export's segmentation."""
-    voxels = np.stack([np.asarray(Image.open(p).convert("RGB")).transpose(2, 1, 0) for p, _ in pairs], -1)
+def stem(name):
+    """The name of a recorded frame without the ending of a picture."""
+    return Path(name).stem if name.lower().endswith(ENDINGS) else name
+
+
+def write_volume(path, export, pictures):
+    """Writes the pictures as RGB, x, y, frame, with the axes of the export's segmentation. Frames without a
+    picture are black, so that pictures and segments of a frame have the same place."""
+    black = np.zeros((export.height, export.width, 3), "u1")
+    voxels = np.stack([(black if p is None else p).transpose(2, 1, 0) for p in pictures], -1)
     header = {
         "space": "left-posterior-superior",
         "kinds": ["RGB-color", "domain", "domain", "domain"],
@@ -54,36 +79,42 @@ def write_volume(path, pairs):
     nrrd.write(str(path), voxels, header, compression_level=1)
 
 
-def write_dataset(folder, export, pairs):
-    """Copies pictures and label pictures under the same names, as MONAI Label's local datastore wants them."""
+def write_dataset(folder, export, pictures):
+    """Writes pictures and label pictures under the same names, as MONAI Label's local datastore wants them.
+    Frames without a label picture are left out: an empty one would say that nothing is there."""
     labels = folder / "labels/final"
     labels.mkdir(parents=True)
-    for picture, label in pairs:
-        name = picture.stem + ".png"
-        Image.open(picture).convert("RGB").save(folder / name)
-        shutil.copyfile(label, labels / name)
-    shutil.copyfile(export / "index/labels.json", labels / "labels.json")
+    for (name, label), picture in zip(export.frames, pictures):
+        if label:
+            Image.fromarray(picture).save(folder / f"{stem(name)}.png")
+            shutil.copyfile(label, labels / f"{stem(name)}.png")
+    shutil.copyfile(export.folder / "index/labels.json", labels / "labels.json")
 
 
 def lay_out(export, recording, out):
     if out.exists():
         sys.exit(f"{out} is there already: choose another folder")
-    pairs = pictures(export, recording)
+    export = Export(export)
+    pictures = [export.picture(recording, name) if label else None for name, label in export.frames]
     out.mkdir(parents=True)
-    write_volume(out / "frames.nrrd", pairs)
-    write_dataset(out / "dataset", export, pairs)
-    print(f"{len(pairs)} frames in {out}")
+    write_volume(out / "frames.nrrd", export, pictures)
+    write_dataset(out / "dataset", export, pictures)
+    print(f"{len(pictures)} frames in {out}")
+    black = sum(picture is None for picture in pictures)
+    if black:
+        print(f"{black} of them are black and not in the dataset, because the scene does not show them")
 
 
 def bring_back(export, out, segmentation):
-    """Writes the label pictures with the header of the export's segmentation, which names the segments."""
+    """Writes the label pictures with the header of the export's segmentation, which names the segments. Frames
+    that are not in the dataset stay empty."""
     if segmentation.exists():
         sys.exit(f"{segmentation} is there already: choose another name")
-    header = nrrd.read_header(str(next((export / "nrrd").glob("*.seg.nrrd"))))
-    labels = [out / "dataset/labels/final" / (Path(name).stem + ".png") for _, name in frames_of(export)]
-    voxels = np.stack([np.asarray(Image.open(label)).T for label in labels], -1)
-    nrrd.write(str(segmentation), voxels.astype("u1"), header)
-    print(f"{len(labels)} frames in {segmentation}")
+    export, labels = Export(export), out / "dataset/labels/final"
+    empty = np.zeros((export.width, export.height), "u1")
+    slices = [np.asarray(Image.open(labels / f"{stem(n)}.png")).T if label else empty for n, label in export.frames]
+    nrrd.write(str(segmentation), np.stack(slices, -1).astype("u1"), export.header)
+    print(f"{len(slices)} frames in {segmentation}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Exports CLIP checkpoints of every kind with assets/export_clip.py and compares with PyTorch's attention.
 
-Needs torch, onnx, onnxruntime; the argument is CLIP's tokenizer.json. Weights are random, shapes those of ViT-B/16.
+Needs torch, onnx, onnxruntime; the argument is CLIP's tokenizer.json. Weights are random, shapes those of ViT-B/16,
+and at last those of the first blocks of ViT-H's image half, whose heads are wider.
 """
 
 import pathlib
@@ -14,8 +15,10 @@ import onnxruntime
 import torch
 from torch import nn
 
-WIDTH, LAYERS, PATCH, SIDE, DIM, DENSE_SIDE = 768, 12, 16, 224, 512, 384
+PATCH, SIDE, DIM, DENSE_SIDE = 16, 224, 512, 384
 TEXT_WIDTH, TEXT_LAYERS, LENGTH, VOCABULARY = 512, 12, 77, 49408
+# Width, blocks and numbers per head of the image half.
+SHAPE, WIDE_SHAPE = (768, 12, 64), (1280, 2, 80)
 SCRIPT = pathlib.Path(__file__).parents[2] / "assets" / "export_clip.py"
 
 
@@ -25,9 +28,9 @@ class QuickGelu(nn.Module):
 
 
 class Block(nn.Module):
-    def __init__(self, width, gelu):
+    def __init__(self, width, head_width, gelu):
         super().__init__()
-        self.attn = nn.MultiheadAttention(width, width // 64, batch_first=True)
+        self.attn = nn.MultiheadAttention(width, width // head_width, batch_first=True)
         self.ln_1, self.ln_2 = nn.LayerNorm(width), nn.LayerNorm(width)
         self.mlp = nn.Sequential()
         self.mlp.add_module("c_fc", nn.Linear(width, 4 * width))
@@ -41,9 +44,9 @@ class Block(nn.Module):
 
 
 class Transformer(nn.Module):
-    def __init__(self, width, layers, gelu):
+    def __init__(self, width, layers, head_width, gelu):
         super().__init__()
-        self.resblocks = nn.ModuleList([Block(width, gelu) for _ in range(layers)])
+        self.resblocks = nn.ModuleList([Block(width, head_width, gelu) for _ in range(layers)])
 
     def forward(self, x, mask=None):
         for block in self.resblocks:
@@ -56,14 +59,15 @@ def random(*shape):
 
 
 class Visual(nn.Module):
-    def __init__(self, gelu):
+    def __init__(self, shape, gelu):
         super().__init__()
-        self.conv1 = nn.Conv2d(3, WIDTH, PATCH, PATCH, bias=False)
-        self.class_embedding = random(WIDTH)
-        self.positional_embedding = random((SIDE // PATCH) ** 2 + 1, WIDTH)
-        self.ln_pre, self.ln_post = nn.LayerNorm(WIDTH), nn.LayerNorm(WIDTH)
-        self.transformer = Transformer(WIDTH, LAYERS, gelu)
-        self.proj = random(WIDTH, DIM)
+        width = shape[0]
+        self.conv1 = nn.Conv2d(3, width, PATCH, PATCH, bias=False)
+        self.class_embedding = random(width)
+        self.positional_embedding = random((SIDE // PATCH) ** 2 + 1, width)
+        self.ln_pre, self.ln_post = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.transformer = Transformer(*shape, gelu)
+        self.proj = random(width, DIM)
 
     def forward(self, pictures):
         x = self.conv1(pictures).flatten(2).transpose(1, 2)
@@ -76,9 +80,9 @@ class Visual(nn.Module):
         x = self.conv1(pictures)
         places = x.shape[-1]
         x = x.flatten(2).transpose(1, 2)
-        trained = self.positional_embedding[1:].T.reshape(1, WIDTH, SIDE // PATCH, SIDE // PATCH)
+        trained = self.positional_embedding[1:].T.reshape(1, -1, SIDE // PATCH, SIDE // PATCH)
         resized = nn.functional.interpolate(trained, (places, places), mode="bicubic", align_corners=False)
-        positions = torch.cat([self.positional_embedding[:1], resized.reshape(WIDTH, -1).T])
+        positions = torch.cat([self.positional_embedding[:1], resized.flatten(2)[0].T])
         x = self.ln_pre(torch.cat([self.class_embedding.expand(len(x), 1, -1), x], 1) + positions)
         *blocks, last = self.transformer.resblocks
         for block in blocks:
@@ -90,10 +94,10 @@ class Visual(nn.Module):
 
 
 class Clip(nn.Module):
-    def __init__(self, gelu):
+    def __init__(self, shape, gelu):
         super().__init__()
-        self.visual = Visual(gelu)
-        self.transformer = Transformer(TEXT_WIDTH, TEXT_LAYERS, gelu)
+        self.visual = Visual(shape, gelu)
+        self.transformer = Transformer(TEXT_WIDTH, TEXT_LAYERS, 64, gelu)
         self.token_embedding = nn.Embedding(VOCABULARY, TEXT_WIDTH)
         self.positional_embedding = random(LENGTH, TEXT_WIDTH)
         self.ln_final = nn.LayerNorm(TEXT_WIDTH)
@@ -131,10 +135,10 @@ def checkpoint(model, kind, path):
         torch.save({"model": {prefix + name: tensor for name, tensor in separate.items()}, "iteration": 80000}, path)
 
 
-def compare(kind, folder, tokenizer):
+def compare(kind, shape, folder, tokenizer):
     torch.manual_seed(len(kind))
     gelu = nn.GELU if kind == "open_clip" else QuickGelu
-    model = Clip(gelu).eval()
+    model = Clip(shape, gelu).eval()
     checkpoint(model, kind, folder / "checkpoint.pt")
     command = [sys.executable, SCRIPT, folder / "checkpoint.pt", "-o", folder, "--tokenizer", tokenizer]
     command += ["--dense-side", str(DENSE_SIDE)]
@@ -155,16 +159,16 @@ def compare(kind, folder, tokenizer):
         found = session.run(None, given[half])[0]
         unit = [e / np.linalg.norm(e, axis=1, keepdims=True) for e in (found, expected[half].numpy())]
         apart = np.abs(unit[0] - unit[1]).max()
-        print(f"{kind}, {half}: {'as PyTorch has it' if apart < 1e-5 else f'off by {apart:.1e}'}")
+        print(f"{kind}, {shape[0]} wide, {half}: {'as PyTorch has it' if apart < 1e-5 else f'off by {apart:.1e}'}")
 
 
 def main():
     # OpenAI's checkpoints are TorchScript, which PyTorch now advises against.
     warnings.simplefilter("ignore", (FutureWarning, DeprecationWarning, torch.jit.TracerWarning))
     tokenizer = pathlib.Path(sys.argv[1]).resolve()
-    for kind in ["OpenAI", "open_clip", "SurgTPGS"]:
+    for kind, shape in [("OpenAI", SHAPE), ("open_clip", SHAPE), ("SurgTPGS", SHAPE), ("open_clip", WIDE_SHAPE)]:
         with tempfile.TemporaryDirectory() as folder:
-            compare(kind, pathlib.Path(folder), tokenizer)
+            compare(kind, shape, pathlib.Path(folder), tokenizer)
 
 
 if __name__ == "__main__":

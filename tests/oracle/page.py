@@ -1,11 +1,12 @@
 """Opens pages in Chromium without a display, and compares what they draw with pictures that `render` wrote.
 
-    python3 tests/oracle/page.py PAGE.html RENDERED/colour FRAME... [--pictures FOLDER]
+    python3 tests/oracle/page.py PAGE.html RENDERED/colour FRAME... [--masks EXPORT] [--pictures FOLDER]
 
 Chromium is driven through a pipe, by its own protocol; no package of Python is needed but Pillow and NumPy.
 The page must draw every frame with at least 35 dB, ask for nothing, and say nothing in its console. With
---pictures, pictures of it at the sizes of a screen and of a phone are left in a folder, to be looked at. See
-README.md beside this file.
+--masks, what each of its prompts marks must be what an export as `binary` found: a mean IoU of at least 0.8.
+With --pictures, pictures of it at the sizes of a screen and of a phone are left in a folder, to be looked at.
+See README.md beside this file.
 """
 
 import argparse
@@ -22,7 +23,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-LEAST_DB = 35
+LEAST_DB, LEAST_IOU = 35, 0.8
+# Share of a prompt's colour above which a pixel is marked: half of that of the page's fill.
+MARKED = 0.14
 CHROMIUM = os.environ.get("CHROMIUM", "chromium")
 FLAGS = ["--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--hide-scrollbars", "--no-first-run"]
 SOFTWARE = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
@@ -95,6 +98,11 @@ class Browser:
         self.call("Page.navigate", url=url)
         self.wait("document.body && document.body.dataset.drawn !== undefined", "the page draws nothing")
 
+    def switch(self, boxes):
+        """Clicks boxes of prompts, given as an expression, and waits until all is drawn."""
+        self.value(f"for (const box of {boxes}) box.click()")
+        self.value("new Promise(requestAnimationFrame).then(() => new Promise(requestAnimationFrame))")
+
     def screenshot(self, path):
         Path(path).write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
 
@@ -124,17 +132,63 @@ def psnr(a, b):
     return 10 * np.log10(255**2 / max(1e-9, ((a - b) ** 2).mean()))
 
 
-def compare(browser, url, rendered, frames):
-    """Draws frames with as many pixels as were recorded, without what prompts found."""
-    worst = np.inf
+def marked(plain, drawn, colour):
+    """Pixels that have some of the colour in one picture and not in the other, wherever else they are darker."""
+    def across(vectors):
+        """The part that is no multiple of the plain colour."""
+        along = (vectors * plain).sum(-1, keepdims=True) / np.maximum(1, (plain**2).sum(-1, keepdims=True))
+        return vectors - along * plain
+
+    pure = across(np.broadcast_to(np.asarray(colour, float), plain.shape))
+    has = (across(drawn) * pure).sum(-1) / np.maximum(1, (pure**2).sum(-1)) > MARKED
+    # The outer half of the contour lies around what was found, but for the border of the recorded picture.
+    wide = np.pad(has | (plain == 0).all(-1), 1, mode="edge")
+    return has & wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
+
+
+def masks_of(export):
+    """Paths of an export's masks by prompt and frame."""
+    files = json.loads((export / "provenance.json").read_text("utf-8"))["files"]
+    return {(f["prompt"], f["frame"]): export / f["name"] for f in files if f["name"].startswith("binary/")}
+
+
+def compare_marks(browser, frame, plain, masks):
+    """Switches on the prompts that are found on the frame, one at a time; returns the IoU of each with its mask."""
+    scene = browser.value("JSON.parse(document.getElementById('scene').textContent)")
+    fits = {}
+    for k, prompt in enumerate(scene["prompts"]):
+        if prompt["frames"][frame - scene["first"]] != "found":
+            continue
+        box = f"[document.querySelectorAll('#prompts input')[{k}]]"
+        browser.switch(box)
+        found = marked(plain, browser.canvas(), prompt["colour"])
+        browser.switch(box)
+        what = f"\"{prompt['text']}\" on frame {frame}"
+        check((browser.canvas() == plain).all(), f"{what} is still drawn when it is switched off")
+        check((prompt["text"], frame) in masks, f"the export has no mask of {what}")
+        truth = np.asarray(Image.open(masks[prompt["text"], frame])) > 0
+        fits[prompt["text"]] = (found & truth).sum() / max(1, (found | truth).sum())
+    return fits
+
+
+def compare(browser, url, rendered, frames, masks):
+    """Draws frames with as many pixels as were recorded, without what prompts found, and with one at a time."""
+    worst, fits = np.inf, {}
     for frame in frames:
         browser.open(f"{url}#frame={frame}&recorded")
-        browser.value("for (const box of document.querySelectorAll('#prompts input:checked')) box.click()")
-        browser.value("new Promise(requestAnimationFrame).then(() => new Promise(requestAnimationFrame))")
+        browser.switch("document.querySelectorAll('#prompts input:checked')")
         truth = np.asarray(Image.open(rendered / f"frame_{frame:06}.png").convert("RGB"), float)
-        worst = min(worst, psnr(browser.canvas(), truth))
+        plain = browser.canvas()
+        worst = min(worst, psnr(plain, truth))
+        if masks:
+            for prompt, fit in compare_marks(browser, frame, plain, masks).items():
+                fits.setdefault(prompt, []).append(fit)
     check(worst >= LEAST_DB, f"the page draws a frame with {worst:.1f} dB")
-    return worst
+    check(fits or not masks, "no prompt of the page is found on these frames")
+    fits = {prompt: np.mean(of_frames) for prompt, of_frames in fits.items()}
+    for prompt, fit in fits.items():
+        check(fit >= LEAST_IOU, f"the page marks \"{prompt}\" with an IoU of {fit:.2f}")
+    return worst, fits
 
 
 def play(browser, url):
@@ -176,13 +230,14 @@ def main():
     parser.add_argument("page", type=Path)
     parser.add_argument("rendered", type=Path)
     parser.add_argument("frames", type=int, nargs="+")
+    parser.add_argument("--masks", type=Path)
     parser.add_argument("--pictures", type=Path)
     args = parser.parse_args()
     url = args.page.resolve().as_uri()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(profile)
         browser.size(*SIZES["screen"])
-        worst = compare(browser, url, args.rendered, args.frames)
+        worst, fits = compare(browser, url, args.rendered, args.frames, masks_of(args.masks) if args.masks else {})
         speed = play(browser, url)
         if args.pictures:
             look(browser, url, args.frames[0], args.pictures)
@@ -195,6 +250,9 @@ def main():
         browser.process.wait()
     print(f"{speed:.0f} frames a second, {worst:.1f} dB at worst", file=sys.stderr)
     print(f"the page draws {len(args.frames)} frames as `render` does, plays, steps and turns, and asks for nothing")
+    if fits:
+        print(", ".join(f"{prompt}: IoU {fit:.2f}" for prompt, fit in fits.items()), file=sys.stderr)
+        print(f"it marks what {len(fits)} prompts find where the export has their masks")
 
 
 if __name__ == "__main__":

@@ -31,11 +31,11 @@ program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --referenc
 program convert "$folder/point_cloud.ply" "$folder/released.safetensors" --like "$folder/scene.safetensors"
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
 "$binary" query "$folder/scene.safetensors" --prompt liver gallbladder --gaussians "$folder/objects" --json > "$folder/answers.json"
-program convert "$folder/scene.safetensors" "$folder/page.html" --prompt liver spaceship
+program convert "$folder/scene.safetensors" "$folder/page.html" "${prompts[@]}"
 program render "$folder/scene.safetensors" -o "$folder/rendered"
 
 "$python" tests/oracle/metrics.py | diff tests/oracle/metrics.json -
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
 "$python" tests/oracle/read_scenes.py "$folder" 0.4 >> "$folder/output.txt"
-"$python" tests/oracle/page.py "$folder/page.html" "$folder/rendered/colour" 0 4 9 >> "$folder/output.txt"
+"$python" tests/oracle/page.py "$folder/page.html" "$folder/rendered/colour" 0 4 9 --masks "$folder/exclusive" >> "$folder/output.txt"
 diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"

@@ -7,6 +7,7 @@ Needs numpy, pillow, pynrrd, slicerio, SimpleITK, pydicom, highdicom, monai (wit
 """
 
 import json
+import shutil
 import subprocess
 import sys
 from importlib.metadata import version
@@ -91,6 +92,27 @@ def check_monai(laid, labels):
     return f"MONAI: {len(datalist)} pairs of picture and labels"
 
 
+def recording_with(work, labels):
+    """A copy of the recording whose labels are those of a file."""
+    copy = work / f"recording-{labels.name.split('.')[0]}"
+    shutil.copytree(work / "recording", copy)
+    shutil.copy(labels, copy)
+    with (copy / "sequence.toml").open("a", encoding="utf-8") as settings:
+        settings.write(f'\n[labels]\nfile = "{labels.name}"\n')
+    return copy
+
+
+def fit(program, recording, pictures):
+    """Strict IoU of label pictures with the labels of a recording, and how often these have a class on a frame."""
+    report = json.loads(run(program, "eval", recording, "--masks", pictures, "--json"))
+    return report["iou"]["strict"]["mean"], report["masks"]["threshold"]["labelled"]
+
+
+def pairs_in(labels):
+    """How often label pictures have a class on a frame."""
+    return sum(len(set(np.unique(frame)) - {0}) for frame in labels)
+
+
 def check_corrections(program, work, export, laid):
     """A square is corrected in three programs; each file comes back as labels with exactly this change."""
     square, at = (10, slice(30, 50), slice(40, 70)), [work / f"{name}.seg.nrrd" for name in ["itk", "pynrrd", "monai"]]
@@ -102,20 +124,75 @@ def check_corrections(program, work, export, laid):
     voxels, header = nrrd.read(str(one(export / "nrrd")))
     voxels[40:70, 30:50, 10] = 2
     nrrd.write(str(at[1]), voxels, header)
-    label = sorted((laid / "dataset/labels/final").glob("*.png"))[10]
+    pictures = laid / "dataset/labels/final"
+    label = sorted(pictures.glob("*.png"))[10]
     pixels = np.asarray(Image.open(label)).copy()
     pixels[30:50, 40:70] = 2
     Image.fromarray(pixels).save(label)
-    subprocess.run([sys.executable, LAY_OUT, "--back", export, laid, at[2]], check=True, stdout=subprocess.DEVNULL)
+    lay_out("--back", export, laid, at[2])
     truth = label_pictures(export)
     truth[square] = 2
     for path in at:
-        prepared = work / f"prepared-{path.name.split('.')[0]}"
-        run(program, "prepare", work / "recording", "-o", prepared, "--labels-from", path)
-        check((nrrd.read(str(path))[0].transpose(2, 1, 0) == truth).all(), f"voxels of {path.name}")
-        counts = json.loads(run(program, "eval", work / "recording", "--masks", laid / "dataset/labels/final", "--json"))
-        check(counts["frames"] == len(truth), "eval reads the label pictures")
+        copy = recording_with(work, path)
+        found = fit(program, copy, pictures)
+        check(found == (1, pairs_in(truth)), f"{path.name} is read as the corrected labels: {found}")
+        prepared = [work / f"prepared-{path.name}-{k}" for k in range(2)]
+        run(program, "prepare", copy, "-o", prepared[0], "--labels")
+        run(program, "prepare", work / "recording", "-o", prepared[1], "--labels-from", path)
+        features = [(folder / "features.safetensors").read_bytes() for folder in prepared]
+        check(features[0] == features[1], f"features of {path.name} by --labels-from")
+    # What differs by a frame, or by the correction, must be seen.
+    nrrd.write(str(work / "shifted.seg.nrrd"), np.roll(voxels, 1, -1), header)
+    for path in [work / "shifted.seg.nrrd", shutil.copy(one(export / "nrrd"), work / "uncorrected.seg.nrrd")]:
+        check(fit(program, recording_with(work, path), pictures)[0] < 1, f"{path.name} is told from the corrected labels")
     return "corrections by SimpleITK, pynrrd and in MONAI Label's dataset are read as labels"
+
+
+def check_gap(program, work):
+    """Of a scene without its second chapter, pictures and labels stay on their frames, there and back."""
+    chapters = [work / f"chapter{k}.safetensors" for k in [0, 2]]
+    for k, chapter in zip([0, 2], chapters):
+        settings = ["--iterations", 200, "--chapter-frames", 4, "--chapter", k]
+        run(program, "train", work / "prepared", "-o", chapter, *settings)
+    run(program, "join", "-o", work / "gap.safetensors", *chapters)
+    export, laid, back = work / "gap", work / "laid-gap", work / "back.seg.nrrd"
+    write_export(program, work / "gap.safetensors", export, "nrrd,index")
+    lay_out(export, work / "recording/images", laid)
+    shown = [i for i in range(12) if (export / f"index/frame_{i:06}.png").is_file()]
+    check(shown == [0, 1, 2, 3, 8, 9, 10, 11], f"the frames {shown} are shown")
+    truth = np.zeros((12, 72, 96), np.uint8)
+    truth[shown] = label_pictures(export)
+    frames = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(laid / "frames.nrrd")))
+    segmentation = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(one(export / "nrrd"))))
+    check((segmentation == truth).all(), "the segmentation is empty where nothing is shown")
+    for i, picture in enumerate(sorted((work / "recording/images").glob("*.png"))):
+        expected = np.asarray(Image.open(picture)) if i in shown else 0
+        check((frames[i] == expected).all(), f"the picture of frame {i} is in its place")
+    names = [f"frame_{i:06}.png" for i in shown]
+    for folder in [laid / "dataset", laid / "dataset/labels/final"]:
+        check([p.name for p in sorted(folder.glob("*.png"))] == names, f"{folder} has the frames that are shown")
+    lay_out("--back", export, laid, back)
+    found = fit(program, recording_with(work, back), laid / "dataset/labels/final")
+    check(found == (1, pairs_in(truth)), f"labels come back on their frames: {found}")
+    return "of a scene that shows 8 of 12 frames, pictures and labels keep their frames"
+
+
+def check_hidden(program, work):
+    """What a recording hides is black in the pictures and in the dataset, and nothing else changes."""
+    hide = ["--hide", "5,3,20,8"]
+    run(program, "prepare", work / "recording", "-o", work / "prepared-hidden", "--labels", *hide)
+    run(program, "train", work / "prepared-hidden", "-o", work / "hidden.safetensors", "--iterations", 100)
+    export, laid = work / "hidden", work / "laid-hidden"
+    write_export(program, work / "hidden.safetensors", export, "nrrd,index")
+    lay_out(export, work / "recording/images", laid)
+    frames = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(laid / "frames.nrrd")))
+    for i, picture in enumerate(sorted((work / "recording/images").glob("*.png"))):
+        expected = np.asarray(Image.open(picture)).copy()
+        expected[3:11, 5:25] = 0
+        check((frames[i] == expected).all(), f"frame {i} of the volume is black where it is hidden")
+        copied = np.asarray(Image.open(laid / "dataset" / picture.name))
+        check((copied == expected).all(), f"frame {i} of the dataset is black where it is hidden")
+    return "what is hidden is black in the volume and in the dataset"
 
 
 def check_names(program, work):
@@ -144,6 +221,15 @@ def run(program, *arguments):
     return done.stdout
 
 
+def write_export(program, scene, folder, formats):
+    prompts = [text for name in PROMPTS for text in ("--prompt", name)]
+    run(program, "export", scene, *prompts, "-o", folder, "--format", formats, "--exclusive")
+
+
+def lay_out(*arguments):
+    subprocess.run([sys.executable, LAY_OUT, *arguments], check=True, stdout=subprocess.DEVNULL)
+
+
 if __name__ == "__main__":
     program, work = sys.argv[1], Path(sys.argv[2])
     print(", ".join(f"{n} {version(n)}" for n in ["pynrrd", "slicerio", "SimpleITK", "pydicom", "highdicom", "monai", "monailabel"]))
@@ -151,13 +237,13 @@ if __name__ == "__main__":
     run(program, "prepare", work / "recording", "-o", work / "prepared", "--labels")
     run(program, "train", work / "prepared", "-o", work / "scene.safetensors", "--iterations", 400)
     export, laid = work / "export", work / "laid"
-    prompts = [text for name in PROMPTS for text in ("--prompt", name)]
-    formats = ["--format", "nrrd,index,dicom-seg", "--exclusive"]
-    run(program, "export", work / "scene.safetensors", *prompts, "-o", export, *formats)
-    subprocess.run([sys.executable, LAY_OUT, export, work / "recording/images", laid], check=True, stdout=subprocess.DEVNULL)
+    write_export(program, work / "scene.safetensors", export, "nrrd,index,dicom-seg")
+    lay_out(export, work / "recording/images", laid)
     labels = label_pictures(export)
     print(check_volumes(export, laid, labels))
     print(check_dicom(export, labels))
     print(check_monai(laid, labels))
     print(check_corrections(program, work, export, laid))
+    print(check_gap(program, work))
+    print(check_hidden(program, work))
     print(check_names(program, work))

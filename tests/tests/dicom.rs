@@ -139,4 +139,7 @@ fn who_a_recording_is_about_is_in_nothing_that_is_made_of_it() {
     let picture =
         image::open(folder.path().join("binary/cutout/frame_000002_liver.png")).unwrap().into_rgba8();
     assert_eq!(picture.get_pixel(4, 2).0, [0; 4]);
+    let record = fs::read_to_string(folder.path().join("binary/provenance.json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+    assert_eq!(record["hidden"], serde_json::json!([{ "x": 0, "y": 0, "width": 9, "height": 5 }]));
 }

@@ -63,7 +63,7 @@ use surgtpgs_core::{
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
-    sequence::{DepthOrigin, Sequence},
+    sequence::{DepthOrigin, HiddenRectangle, Identity, Sequence},
     train::Profile,
 };
 use surgtpgs_render::{Asked, GpuRenderer, RenderInput, Shown, Wanted};
@@ -277,9 +277,18 @@ impl Engine {
 
     /// Returns the file names of the recorded frames (of a video, their numbers); none if they are not known.
     pub fn frame_sources(&self) -> Vec<String> {
+        self.known_identity().into_iter().flat_map(|known| known.names().map(str::to_owned)).collect()
+    }
+
+    /// Returns the rectangles that are black in every recorded frame; none if they are not known.
+    pub fn hidden(&self) -> &[HiddenRectangle] {
+        self.known_identity().map_or(&[], |known| known.hidden())
+    }
+
+    /// Returns the identity of the recording that the scene holds, or else that of the recording at hand.
+    fn known_identity(&self) -> Option<&Arc<Identity>> {
         let of_scene = self.scene.provenance.identity.as_ref();
-        let known = of_scene.or_else(|| self.sequence().map(Sequence::outline));
-        known.iter().flat_map(|known| known.names().map(str::to_owned)).collect()
+        of_scene.or_else(|| self.sequence().map(Sequence::outline))
     }
 
     /// Returns the reason why there is no recording, in a sentence; `None` if there is one.

@@ -202,6 +202,7 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
     provenance.marks_sha256 = engine.marks().map(Marks::digest);
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
+    provenance.hidden = engine.hidden().to_vec();
     if let (None, true, Some(sequence)) = (&provenance.sequence_sha256, wants_recording, engine.sequence()) {
         provenance.sequence_sha256 = Some(sequence.identity()?.digest());
     }

@@ -8,7 +8,7 @@ use crate::{
     reading::{MOST_BYTES, read_regular},
     relevancy::RelevancySettings,
     scene::Scene,
-    sequence::{MAX_FRAMES_PER_SECOND, seconds_of, shown_for},
+    sequence::{HiddenRectangle, MAX_FRAMES_PER_SECOND, seconds_of, shown_for},
 };
 use std::{
     collections::BTreeMap,
@@ -53,6 +53,9 @@ pub struct Provenance {
     /// File names of its frames, from frame 0 on (or their numbers, for a video), if known.
     #[serde(default)]
     pub sequence_frame_names: Vec<String>,
+    /// Rectangles that are black in every frame, in pixels. The recorded files show what is there.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub hidden: Vec<HiddenRectangle>,
     /// Runs of frames that no chapter of the scene shows, each by its first and last frame.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub frames_not_shown: Vec<[usize; 2]>,
@@ -124,6 +127,7 @@ impl Provenance {
                 .iter()
                 .flat_map(|identity| identity.names().map(str::to_owned))
                 .collect(),
+            hidden: made.identity.as_ref().map_or(Vec::new(), |identity| identity.hidden().to_vec()),
             frames_not_shown: scene.frames_not_shown(),
             frames_per_second: made.speed(),
             frame_seconds: made.frame_seconds.clone(),

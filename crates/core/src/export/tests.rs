@@ -7,6 +7,18 @@ use crate::{
     relevancy::RelevancySettings,
     stress,
 };
+use std::sync::Arc;
+
+/// Returns the identity of a text encoder.
+fn encoder() -> EncoderIdentity {
+    EncoderIdentity {
+        name: "builtin".into(),
+        sha256: "11".into(),
+        dim: 3,
+        template: "{}".into(),
+        folder: None,
+    }
+}
 
 /// Returns scores of two prompts on a 40 × 24 picture: the left half scores for one, the right three
 /// quarters for the other.
@@ -37,6 +49,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         sequence_name: "demo".into(),
         sequence_frames: 4,
         frames_not_shown: Vec::new(),
+        hidden: Vec::new(),
         sequence_sha256: Some("22".into()),
         sequence_frame_names: (0..10).map(|i| format!("shot {i}.png")).collect(),
         frames_per_second: Some(25.0),
@@ -297,13 +310,7 @@ fn frames_that_the_scene_does_not_show_are_not_said_to_be_empty() {
 
 #[test]
 fn an_export_goes_on_with_another_number_of_threads() {
-    let encoder = EncoderIdentity {
-        name: "builtin".into(),
-        sha256: "11".into(),
-        dim: 3,
-        template: "{}".into(),
-        folder: None,
-    };
+    let encoder = encoder();
     let by = |renderer: &str| {
         let plain = provenance(&[Format::Binary], false);
         let (names, scene) = ((renderer.to_owned(), "exact"), stress::ordinary(1));
@@ -331,6 +338,23 @@ fn numbers_of_the_record_come_back_to_the_last_bit() {
     let how = Provenance { calibration: serde_json::json!(floors), ..provenance(&[Format::Binary], false) };
     run(folder.path(), &[0], &how).unwrap();
     assert!(Export::is_of(folder.path(), &how));
+}
+
+#[test]
+fn the_record_says_what_is_hidden() {
+    let plain = provenance(&[Format::Binary], false);
+    let hidden = serde_json::json!([{ "x": 10, "y": 8, "width": 200, "height": 24 }]);
+    let identity = serde_json::json!({ "frames": ["- 9 0001.png"], "hidden": hidden });
+    let mut scene = stress::ordinary(1);
+    scene.provenance.identity = Some(Arc::new(serde_json::from_value(identity).unwrap()));
+    let (encoder, names) = (encoder(), ("CPU".to_owned(), "exact"));
+    let how =
+        Provenance::new(&scene, "00".into(), &encoder, plain.relevancy, names, plain.prompts, plain.options);
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &[0], &how).unwrap();
+    assert!(Export::is_of(folder.path(), &how));
+    let text = std::fs::read_to_string(folder.path().join("provenance.json")).unwrap();
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap()["hidden"], hidden);
 }
 
 #[test]
