@@ -176,8 +176,9 @@ impl Carried {
         if let Some(evidence) = self.evidence.get(&frame) {
             let is_outlined = |k: &usize| self.outlined.contains(&(self.names[*k].clone(), frame));
             for k in (0..self.names.len()).filter(is_outlined) {
-                let scores = found.scores[k].data.iter_mut().enumerate();
-                scores.filter(|(i, _)| evidence.at(*i, k).1 == 0.0).for_each(|(_, score)| *score = 0.0);
+                for (pixels, _) in evidence.runs().filter(|(_, verdicts)| verdicts.of(k).1 == 0.0) {
+                    found.scores[k].data[pixels].fill(0.0);
+                }
             }
         }
         Ok(found)
@@ -351,8 +352,10 @@ impl Carried {
             let there = CellFeatures::of(&picture);
             // Number of marked pixels of each name, and the pixels here that look the same.
             let mut found: BTreeMap<usize, (usize, Vec<usize>)> = BTreeMap::new();
-            for i in evidence.pixels() {
-                let Some(name) = evidence.shown_at(i).filter(|name| names.contains(name)) else { continue };
+            let shown =
+                evidence.said().flat_map(|(pixels, verdicts)| pixels.map(move |i| (i, verdicts.shown())));
+            for (i, name) in shown {
+                let Some(name) = name.filter(|name| names.contains(name)) else { continue };
                 let (count, pixels) = found.entry(name).or_default();
                 *count += 1;
                 let from = at_half(i, width, [luma.width, luma.height]);
@@ -465,14 +468,18 @@ impl Carried {
 
 /// Sets marked pixels to what the marks say. Shares that are denied go to the other names and to none.
 pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
-    for i in evidence.pixels() {
-        let denied: f32 =
-            (0..shares.len()).filter(|k| evidence.at(i, *k) == (1.0, 0.0)).map(|k| shares[k][i]).sum();
-        for (k, plane) in shares.iter_mut().enumerate() {
-            plane[i] = match evidence.at(i, k) {
-                (1.0, marked) => marked,
-                _ => (plane[i] / (1.0 - denied).max(f32::EPSILON)).clamp(0.0, 1.0),
-            };
+    for (pixels, verdicts) in evidence.said() {
+        let said: Vec<(f32, f32)> = (0..shares.len()).map(|k| verdicts.of(k)).collect();
+        for i in pixels {
+            let denied =
+                |(plane, said): (&Vec<f32>, &(f32, f32))| if *said == (1.0, 0.0) { plane[i] } else { 0.0 };
+            let denied: f32 = shares.iter().zip(&said).map(denied).sum();
+            for (plane, said) in shares.iter_mut().zip(&said) {
+                plane[i] = match *said {
+                    (1.0, marked) => marked,
+                    _ => (plane[i] / (1.0 - denied).max(f32::EPSILON)).clamp(0.0, 1.0),
+                };
+            }
         }
     }
 }

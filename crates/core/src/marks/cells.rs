@@ -263,12 +263,13 @@ impl CellGrid {
     fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {
         let zeros = vec![vec![0.0; self.columns * self.rows]; num_names];
         let mut seeds = Seeds { weights: zeros.clone(), shares: zeros };
-        for i in evidence.pixels() {
-            let cell = self.of(i);
+        for (pixels, verdicts) in evidence.said() {
             for k in 0..num_names {
-                let (weight, share) = evidence.at(i, k);
-                seeds.weights[k][cell] += weight;
-                seeds.shares[k][cell] += weight * share;
+                let (weight, share) = verdicts.of(k);
+                for cell in pixels.clone().map(|i| self.of(i)) {
+                    seeds.weights[k][cell] += weight;
+                    seeds.shares[k][cell] += weight * share;
+                }
             }
         }
         seeds
@@ -372,11 +373,45 @@ impl CellGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::marks::{Mark, Marks, Shape};
 
     #[test]
     fn cells_grow_with_the_picture() {
         let side = |size: [usize; 2]| CellGrid::of_picture(size[0], size[1]).side;
         let sizes = [[40, 20], [320, 256], [427, 240], [640, 512], [854, 480], [1280, 720], [1920, 1080]];
         assert_eq!(sizes.map(side), [1, 2, 2, 4, 4, 6, 9]);
+    }
+
+    /// Strokes on fat, at the bottom, and on liver, at the top, spread over a picture. Returns the shares of
+    /// liver and fat in a small piece of dark fat amid the liver. The right half may show something without a
+    /// name.
+    fn shares_of_dark_fat(unnamed: Option<[u8; 3]>) -> [f32; 2] {
+        const SIZE: [usize; 2] = [240, 160];
+        let picture = RgbImage::from_fn(240, 160, |x, y| {
+            let grain = (x * 7 + y * 13) % 5;
+            let colour = match (x, y, unnamed) {
+                (30..60, 30..60, _) => [160, 128, 57],
+                (120.., _, Some(colour)) => colour,
+                (_, ..80, _) => [110, 50, 45],
+                _ => [215, 175, 80],
+            };
+            image::Rgb(colour.map(|level| level + grain as u8))
+        });
+        let stroke = |name: &str, y: f32| {
+            let shape = Shape::Stroke { points_px: vec![[10.0, y], [100.0, y]], radius_px: 3.0 };
+            Mark::new(0, name, true, shape)
+        };
+        let marks = Marks::unchecked(vec![stroke("fat", 120.0), stroke("liver", 15.0)]);
+        let evidence = Evidence::of(&marks, 0, &marks.names(), SIZE);
+        let shares = spread_over(&picture, &Mask::filled(SIZE[0], SIZE[1], true), &evidence, &[], 2, None);
+        [1, 0].map(|name| shares[name][22 * 120 + 22])
+    }
+
+    #[test]
+    fn where_nearly_all_has_a_name_a_darker_piece_has_one_too() {
+        let [liver, fat] = shares_of_dark_fat(None);
+        assert!(fat > 0.5 && liver < 0.3, "{liver} {fat}");
+        let [liver, fat] = shares_of_dark_fat(Some([90, 95, 140]));
+        assert!(fat < 0.4 && liver < 0.4, "half of the picture has no name: {liver} {fat}");
     }
 }

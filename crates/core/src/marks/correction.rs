@@ -98,10 +98,11 @@ fn changes(
     threshold: f32,
     is_outlined: bool,
 ) -> (Vec<f32>, Vec<f32>) {
-    let change = |(i, score): (usize, &f32)| match evidence.at(i, 0) {
-        (0.0, _) => (f32::from(u8::from(is_outlined)), 0.0),
-        (weight, share) if (share > 0.0) == (*score > threshold) => (weight, 0.0),
-        (weight, share) => (weight, share - score),
+    let change = |(weight, (share, score)): (f32, (f32, &f32))| match weight {
+        0.0 => (f32::from(u8::from(is_outlined)), 0.0),
+        _ if (share > 0.0) == (*score > threshold) => (weight, 0.0),
+        _ => (weight, share - score),
     };
-    scores.data.iter().enumerate().map(change).unzip()
+    let (weights, shares) = evidence.planes(0..1);
+    weights.into_iter().zip(shares.into_iter().zip(&scores.data)).map(change).unzip()
 }

@@ -8,20 +8,63 @@ use std::{
     ops::Range,
 };
 
-/// Evidence of the marks on one frame.
+/// Evidence of the marks on one frame. It is kept as runs, so that masks on hundreds of frames take little
+/// memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
     /// The frame.
     pub frame: usize,
-    /// Verdicts of each pixel, [pixels][names]: 1 for names that it shows, −1 for names that it does not,
-    /// 0 where the marks say nothing or as much for as against.
-    verdicts: Vec<i8>,
     num_names: usize,
+    /// Runs of pixels of which the marks say the same, one after the other over the whole picture.
+    runs: Vec<Run>,
+    /// Distinct verdicts in the order of their first runs, [places][names].
+    verdicts: Vec<i8>,
+}
+
+/// Pixels from the end of the run before to `end`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Run {
+    end: usize,
+    /// Place of its verdicts.
+    place: usize,
+}
+
+/// Verdicts of the marks on a pixel, for each name: 1 for names that it shows, −1 for names that it does not,
+/// 0 where the marks say nothing or as much for as against.
+#[derive(Clone, Copy)]
+pub(crate) struct Verdicts<'a>(&'a [i8]);
+
+impl Verdicts<'_> {
+    /// Returns the weight (0 or 1) and the share (0–1) of name `k`. A pixel that shows some names is shared by
+    /// them, and shows no other.
+    pub(crate) fn of(self, k: usize) -> (f32, f32) {
+        let shown = self.0.iter().filter(|verdict| **verdict > 0).count();
+        match (self.0[k], shown) {
+            (1, shown) => (1.0, 1.0 / shown as f32),
+            (_, 1..) | (-1, 0) => (1.0, 0.0),
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// Returns the first name that is shown.
+    pub(crate) fn shown(self) -> Option<usize> {
+        self.0.iter().position(|verdict| *verdict > 0)
+    }
+
+    /// Returns `true` if the marks say nothing.
+    fn is_nothing(self) -> bool {
+        self.0.iter().all(|verdict| *verdict == 0)
+    }
+
+    /// Returns `true` if the label is decided: marks show a name, or deny every name.
+    fn decides(self) -> bool {
+        self.shown().is_some() || self.0.iter().all(|verdict| *verdict < 0)
+    }
 }
 
 impl Evidence {
     /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts.
-    pub fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
+    pub(crate) fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
         let num_names = names.len();
         let mut votes = vec![0_i32; width * height * num_names];
         for mark in marks.on(frame) {
@@ -32,14 +75,20 @@ impl Evidence {
                 votes[i * num_names + k] += vote;
             }
         }
-        Self { frame, verdicts: votes.iter().map(|v| v.signum() as i8).collect(), num_names }
+        let mut evidence = Self::none(frame, num_names);
+        let mut verdicts = vec![0; num_names];
+        for (i, votes) in votes.chunks_exact(num_names.max(1)).enumerate() {
+            verdicts.iter_mut().zip(votes).for_each(|(verdict, votes)| *verdict = votes.signum() as i8);
+            evidence.push(i + 1, &verdicts);
+        }
+        evidence
     }
 
     /// Sums up all marks, by frame: those frames on which they say something.
     pub(super) fn of_all(marks: &Marks, names: &[String], scene: &Scene) -> BTreeMap<usize, Self> {
         let size = scene.cameras.first().map_or([0; 2], |c| [c.width as usize, c.height as usize]);
-        let each = marks.frames().into_iter().map(|frame| (frame, Self::of(marks, frame, names, size)));
-        each.filter(|(_, evidence)| !evidence.is_empty()).collect()
+        let of = |frame| (frame, Self::of(marks, frame, names, size));
+        marks.frames().into_par_iter().map(of).filter(|(_, evidence)| !evidence.is_empty()).collect()
     }
 
     /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines decide
@@ -59,35 +108,80 @@ impl Evidence {
         let outlined: Vec<&String> =
             names.iter().enumerate().filter(|(k, _)| !is_pointed_at(*k)).map(|(_, name)| name).collect();
         let grows = |mark: &Mark| !mark.shape.is_outlined() || outlined.contains(&&mark.name);
-        let mut growing = Self::of_all(&marks.filtered(grows), names, scene);
-        growing.iter_mut().for_each(|(frame, evidence)| evidence.agree_with(all.get(frame)));
-        growing.retain(|_, evidence| !evidence.is_empty());
-        (growing, pointed.into_keys().collect())
+        let growing = Self::of_all(&marks.filtered(grows), names, scene);
+        let agreed = |(frame, own): (usize, Self)| Some((frame, own.agreeing_with(all.get(&frame)?)));
+        let growing = growing.into_iter().filter_map(agreed).filter(|(_, evidence)| !evidence.is_empty());
+        (growing.collect(), pointed.into_keys().collect())
     }
 
-    /// Takes back verdicts that others do not share: an outline can erase a stroke.
-    fn agree_with(&mut self, other: Option<&Self>) {
-        for (i, verdict) in self.verdicts.iter_mut().enumerate() {
-            if other.is_none_or(|other| other.verdicts[i] != *verdict) {
-                *verdict = 0;
+    /// Returns evidence of no pixel yet.
+    fn none(frame: usize, num_names: usize) -> Self {
+        Self { frame, num_names, runs: Vec::new(), verdicts: Vec::new() }
+    }
+
+    /// Adds the verdicts of the pixels up to `end`.
+    fn push(&mut self, end: usize, verdicts: &[i8]) {
+        let says = |place: usize| self.verdicts_at(place).0 == verdicts;
+        let goes_on = self.runs.last().is_some_and(|last| says(last.place));
+        if let Some(last) = self.runs.last_mut().filter(|_| goes_on) {
+            last.end = end;
+            return;
+        }
+        let places = self.verdicts.len() / self.num_names.max(1);
+        let place = (0..places).find(|place| self.verdicts_at(*place).0 == verdicts).unwrap_or(places);
+        if place == places {
+            self.verdicts.extend(verdicts);
+        }
+        self.runs.push(Run { end, place });
+    }
+
+    fn verdicts_at(&self, place: usize) -> Verdicts<'_> {
+        Verdicts(&self.verdicts[place * self.num_names..(place + 1) * self.num_names])
+    }
+
+    /// Returns all runs of pixels of which the marks say the same, with what they say.
+    pub(crate) fn runs(&self) -> impl Iterator<Item = (Range<usize>, Verdicts<'_>)> {
+        let starts = std::iter::once(0).chain(self.runs.iter().map(|run| run.end));
+        starts.zip(&self.runs).map(|(start, run)| (start..run.end, self.verdicts_at(run.place)))
+    }
+
+    /// Returns the runs of pixels that the marks say something of.
+    pub(super) fn said(&self) -> impl Iterator<Item = (Range<usize>, Verdicts<'_>)> {
+        self.runs().filter(|(_, verdicts)| !verdicts.is_nothing())
+    }
+
+    /// Returns those verdicts that others share: an outline can erase a stroke. Both are of the same picture.
+    fn agreeing_with(&self, other: &Self) -> Self {
+        let mut agreed = Self::none(self.frame, self.num_names);
+        let mut others = other.runs().peekable();
+        for (pixels, own) in self.runs() {
+            while let Some((other_pixels, other)) = others.peek() {
+                let end = other_pixels.end.min(pixels.end);
+                let shared = |(a, b): (&i8, &i8)| if a == b { *a } else { 0 };
+                agreed.push(end, &own.0.iter().zip(other.0).map(shared).collect::<Vec<i8>>());
+                if other_pixels.end == end {
+                    others.next();
+                }
+                if pixels.end == end {
+                    break;
+                }
             }
         }
+        agreed
     }
 
     /// Returns what is said of name `k` alone. Pixels that show other names do not show it.
     pub(super) fn alone(&self, k: usize) -> Self {
-        let verdict = |i: usize| match self.at(i, k) {
-            (0.0, _) => 0,
-            (_, share) => {
-                if share > 0.0 {
-                    1
-                } else {
-                    -1
-                }
-            }
-        };
-        let num_pixels = self.verdicts.len() / self.num_names.max(1);
-        Self { frame: self.frame, verdicts: (0..num_pixels).map(verdict).collect(), num_names: 1 }
+        let mut alone = Self::none(self.frame, 1);
+        for (pixels, verdicts) in self.runs() {
+            let verdict = match verdicts.of(k) {
+                (0.0, _) => 0,
+                (_, 0.0) => -1,
+                _ => 1,
+            };
+            alone.push(pixels.end, &[verdict]);
+        }
+        alone
     }
 
     /// Returns `true` if some pixel shows name `k`.
@@ -95,47 +189,90 @@ impl Evidence {
         self.verdicts.iter().skip(k).step_by(self.num_names).any(|verdict| *verdict > 0)
     }
 
-    /// Returns the name that pixel `i` shows, if it shows one.
-    pub(super) fn shown_at(&self, i: usize) -> Option<usize> {
-        self.verdicts[i * self.num_names..(i + 1) * self.num_names].iter().position(|verdict| *verdict > 0)
-    }
-
     /// Returns `true` if the marks say nothing of any pixel.
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.verdicts.iter().all(|v| *v == 0)
-    }
-
-    /// Returns the weight (0 or 1) and the share (0–1) of name `k` at pixel `i`. A pixel that shows some names
-    /// is shared by them, and shows no other.
-    pub fn at(&self, i: usize, k: usize) -> (f32, f32) {
-        let verdicts = &self.verdicts[i * self.num_names..(i + 1) * self.num_names];
-        let shown = verdicts.iter().filter(|v| **v > 0).count();
-        match (verdicts[k], shown) {
-            (1, shown) => (1.0, 1.0 / shown as f32),
-            (_, 1..) | (-1, 0) => (1.0, 0.0),
-            _ => (0.0, 0.0),
-        }
-    }
-
-    /// Returns the pixels that marks say something of.
-    pub(super) fn pixels(&self) -> impl Iterator<Item = usize> {
-        let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();
-        pixels.filter(|(_, verdicts)| verdicts.iter().any(|v| *v != 0)).map(|(i, _)| i)
     }
 
     /// Returns the pixels whose label is decided: marks show a name there, or deny every name.
     pub(super) fn decided(&self) -> impl Iterator<Item = usize> {
-        let is_decided = |verdicts: &[i8]| verdicts.iter().any(|v| *v > 0) || verdicts.iter().all(|v| *v < 0);
-        let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();
-        pixels.filter(move |(_, verdicts)| is_decided(verdicts)).map(|(i, _)| i)
+        self.runs().filter(|(_, verdicts)| verdicts.decides()).flat_map(|(pixels, _)| pixels)
     }
 
     /// Returns weight and share planes of some names: [names][pixels] each.
     pub(super) fn planes(&self, names: Range<usize>) -> (Vec<f32>, Vec<f32>) {
-        let pixels = self.verdicts.len() / self.num_names.max(1);
-        let plane = |k: usize| (0..pixels).map(move |i| self.at(i, k)).unzip::<f32, f32, Vec<_>, Vec<_>>();
+        let plane = |k: usize| {
+            let each = self.runs().map(|(pixels, verdicts)| (pixels.len(), verdicts.of(k)));
+            each.flat_map(|(count, said)| std::iter::repeat_n(said, count))
+                .unzip::<f32, f32, Vec<_>, Vec<_>>()
+        };
         let planes: Vec<(Vec<f32>, Vec<f32>)> = names.into_par_iter().map(plane).collect();
         let (weights, shares): (Vec<_>, Vec<_>) = planes.into_iter().unzip();
         (weights.concat(), shares.concat())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Verdicts of a few pixels, [pixels][2], as runs.
+    fn evidence(verdicts: &[[i8; 2]]) -> Evidence {
+        let mut evidence = Evidence::none(3, 2);
+        verdicts.iter().enumerate().for_each(|(i, verdicts)| evidence.push(i + 1, verdicts));
+        evidence
+    }
+
+    fn dense(evidence: &Evidence) -> Vec<Vec<i8>> {
+        evidence.runs().flat_map(|(pixels, verdicts)| pixels.map(move |_| verdicts.0.to_vec())).collect()
+    }
+
+    #[test]
+    fn pixels_that_show_two_names_are_shared() {
+        let both = evidence(&[[1, 1], [1, 0], [-1, 0], [0, 0], [-1, -1]]);
+        let said: Vec<[(f32, f32); 2]> =
+            both.runs().map(|(_, verdicts)| [0, 1].map(|k| verdicts.of(k))).collect();
+        let expected = [[(1.0, 0.5); 2], [(1.0, 1.0), (1.0, 0.0)], [(1.0, 0.0), (0.0, 0.0)], [(0.0, 0.0); 2]];
+        assert_eq!(said[..4], expected);
+        assert_eq!(said[4], [(1.0, 0.0); 2]);
+        assert_eq!(both.decided().collect::<Vec<_>>(), [0, 1, 4]);
+        assert_eq!(both.said().map(|(pixels, _)| pixels.len()).sum::<usize>(), 4);
+        assert_eq!(dense(&both.alone(1)), [[1], [-1], [0], [0], [-1]]);
+    }
+
+    #[test]
+    fn masks_take_no_memory_for_each_pixel() {
+        let one = [1, -1];
+        let all = evidence(&[one; 5000]);
+        assert_eq!((all.runs.len(), all.verdicts.len()), (1, 2));
+        let (weights, shares) = all.planes(0..2);
+        assert!(
+            weights == vec![1.0; 10_000]
+                && shares[..5000] == vec![1.0; 5000]
+                && shares[5000..] == vec![0.0; 5000]
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn runs_say_what_pixels_say(
+            pixels in proptest::collection::vec((-1_i8..2, -1_i8..2, -1_i8..2, -1_i8..2), 1..40),
+        ) {
+            let [own, other] = [0, 1].map(|part| -> Vec<[i8; 2]> {
+                pixels.iter().map(|(a, b, c, d)| if part == 0 { [*a, *b] } else { [*c, *d] }).collect()
+            });
+            let (own, other) = (evidence(&own), evidence(&other));
+            let expected: Vec<Vec<i8>> = pixels
+                .iter()
+                .map(|(a, b, c, d)| vec![if a == c { *a } else { 0 }, if b == d { *b } else { 0 }])
+                .collect();
+            let agreed = own.agreeing_with(&other);
+            prop_assert_eq!(dense(&agreed), expected.clone());
+            prop_assert_eq!(agreed.is_empty(), expected.iter().flatten().all(|verdict| *verdict == 0));
+            for k in 0..2 {
+                prop_assert_eq!(own.shows(k), dense(&own).iter().any(|verdicts| verdicts[k] > 0));
+            }
+        }
     }
 }

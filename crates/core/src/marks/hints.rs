@@ -15,6 +15,8 @@ const MIN_UNNAMED_SHARE: f32 = 0.3;
 /// Variance of an unlabelled example where half of the picture has a name. Where less has one, most
 /// unlabelled nodes show nothing that was marked, and count more.
 const EVEN_ODDS_VARIANCE: f64 = 3.0;
+/// Odds that a node shows a name above which even one that is unlike all examples may show one.
+const HIGH_ODDS: f64 = 6.0;
 /// Number of marked nodes per name from which on hints have their full weight.
 const MANY_MARKED: f32 = 200.0;
 /// Power of scores: names with close scores do not share a node.
@@ -73,16 +75,17 @@ impl Hints {
         let unlabelled: Vec<usize> = (0..links.len()).filter(is_unlabelled).collect();
         let positives: Vec<Vec<usize>> = names.clone().map(positives).collect();
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
-        let variance = if shares.is_empty() {
+        let (variance, nearness_power) = if shares.is_empty() {
             // The more names there are, the likelier a node shows one of them.
-            shown.pow(3) as f64
+            (shown.pow(3) as f64, 1.0)
         } else {
             let inside = links.degrees.iter().filter(|degree| **degree > 0.0).count();
             let odds = inside.saturating_sub(unlabelled.len()) as f64 / unlabelled.len().max(1) as f64;
-            EVEN_ODDS_VARIANCE * odds.powi(3)
+            (EVEN_ODDS_VARIANCE * odds.powi(3), (HIGH_ODDS / odds).min(1.0))
         };
         let unlabelled = Unlabelled { nodes: &unlabelled, variance };
-        let prediction = appearance.predict(&positives, &denied, unlabelled);
+        let mut prediction = appearance.predict(&positives, &denied, unlabelled);
+        prediction.nearness.iter_mut().for_each(|near| *near = near.powf(nearness_power as f32));
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
         Self::from_prediction(prediction, (marked / MANY_MARKED).min(1.0))
     }

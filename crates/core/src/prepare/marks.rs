@@ -112,11 +112,11 @@ fn region_map(sequence: &Sequence, marks: &Marks, frame: usize, names: &[String]
     let (width, height) = (sequence.width(), sequence.height());
     let evidence = Evidence::of(marks, frame, names, [width, height]);
     let keep = sequence.mask(frame)?;
-    let row = |i: usize| {
-        let shown = (0..names.len()).find(|k| keep.data[i] && evidence.at(i, *k).1 > 0.0);
-        shown.map_or(NO_REGION, |k| k as u16)
-    };
-    Ok(RegionMap::from_vec(width, height, (0..width * height).map(row).collect()))
+    let mut map = RegionMap::filled(width, height, NO_REGION);
+    for (pixels, name) in evidence.runs().filter_map(|(pixels, verdicts)| Some((pixels, verdicts.shown()?))) {
+        pixels.filter(|i| keep.data[*i]).for_each(|i| map.data[i] = name as u16);
+    }
+    Ok(map)
 }
 
 impl Prepared {
