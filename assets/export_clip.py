@@ -60,6 +60,8 @@ def read_checkpoint(path, trust):
             tensors[name] = tensor.detach().float().cpu().numpy()
     if "visual.conv1.weight" not in tensors or "visual.proj" not in tensors:
         fail(f"{path} holds no vision transformer of CLIP's kind", "It has no visual.conv1.weight or no visual.proj")
+    if any(name.startswith("visual.attn_pool") for name in tensors):
+        fail(f"{path} pools its patches by attention", "Only models that take the class token can be exported")
     return join_projections(tensors)
 
 
@@ -123,6 +125,10 @@ class Graph:
     def norm(self, x, name):
         return self.op("LayerNormalization", x, self.weight(name + ".weight"), self.weight(name + ".bias"), epsilon=1e-5)
 
+    def layer_scaled(self, x, name):
+        """Scales what a block adds, in models that do (open_clip's -alt)."""
+        return self.op("Mul", x, self.weight(name + ".gamma")) if name + ".gamma" in self.tensors else x
+
     def activation(self, x, kind):
         if kind == "quick_gelu":
             return self.op("Mul", x, self.op("Sigmoid", self.op("Mul", x, self.number(1.702))))
@@ -169,13 +175,15 @@ class Graph:
 
     def run_block(self, x, block, options, mask=None):
         heads = self.heads(block, options)
-        x = self.op("Add", x, self.attention(self.norm(x, block + ".ln_1"), block + ".attn", heads, mask))
+        attended = self.attention(self.norm(x, block + ".ln_1"), block + ".attn", heads, mask)
+        x = self.op("Add", x, self.layer_scaled(attended, block + ".ls_1"))
         return self.run_mlp(x, block, options)
 
     def run_mlp(self, x, block, options):
         hidden = self.linear(self.norm(x, block + ".ln_2"), block + ".mlp.c_fc.weight", block + ".mlp.c_fc.bias")
         hidden = self.activation(hidden, options.activation)
-        return self.op("Add", x, self.linear(hidden, block + ".mlp.c_proj.weight", block + ".mlp.c_proj.bias"))
+        out = self.linear(hidden, block + ".mlp.c_proj.weight", block + ".mlp.c_proj.bias")
+        return self.op("Add", x, self.layer_scaled(out, block + ".ls_2"))
 
     def save(self, path, source, result):
         """source and result are (name, type, axes) of the input, and (name, value, axes) of the output."""
@@ -267,6 +275,7 @@ def export_maps(tensors, folder, options):
     # CAT-Seg: each token keeps its own value, and the class token stands in for what it would have been added to.
     values = graph.projected(graph.norm(x, last + ".ln_1"), last + ".attn", "v")
     values = graph.linear(values, last + ".attn.out_proj.weight", last + ".attn.out_proj.bias")
+    values = graph.layer_scaled(values, last + ".ls_1")
     token = graph.op("Slice", x, graph.shape(0), graph.shape(1), graph.shape(1))
     x = graph.run_mlp(graph.op("Add", values, token), last, options)
     x = graph.op("MatMul", graph.norm(x, "visual.ln_post"), graph.weight("visual.proj"))

@@ -1,7 +1,7 @@
 """Exports CLIP checkpoints of every kind with assets/export_clip.py and compares with PyTorch's attention.
 
 Needs torch, onnx, onnxruntime; the argument is CLIP's tokenizer.json. Weights are random, shapes those of ViT-B/16,
-and at last those of the first blocks of ViT-H's image half, whose heads are wider.
+then those of the first blocks of ViT-H's image half, whose heads are wider, and of a few blocks with layer scale.
 """
 
 import pathlib
@@ -18,7 +18,7 @@ from torch import nn
 PATCH, SIDE, DIM, DENSE_SIDE = 16, 224, 512, 384
 TEXT_WIDTH, TEXT_LAYERS, LENGTH, VOCABULARY = 512, 12, 77, 49408
 # Width, blocks and numbers per head of the image half.
-SHAPE, WIDE_SHAPE = (768, 12, 64), (1280, 2, 80)
+SHAPE, WIDE_SHAPE, SCALED_SHAPE = (768, 12, 64), (1280, 2, 80), (768, 3, 64)
 SCRIPT = pathlib.Path(__file__).parents[2] / "assets" / "export_clip.py"
 
 
@@ -27,9 +27,19 @@ class QuickGelu(nn.Module):
         return x * torch.sigmoid(1.702 * x)
 
 
-class Block(nn.Module):
-    def __init__(self, width, head_width, gelu):
+class LayerScale(nn.Module):
+    def __init__(self, width):
         super().__init__()
+        self.gamma = random(width)
+
+    def forward(self, x):
+        return x * self.gamma
+
+
+class Block(nn.Module):
+    def __init__(self, width, head_width, gelu, scales):
+        super().__init__()
+        self.ls_1, self.ls_2 = (LayerScale(width) if scales else nn.Identity() for _ in range(2))
         self.attn = nn.MultiheadAttention(width, width // head_width, batch_first=True)
         self.ln_1, self.ln_2 = nn.LayerNorm(width), nn.LayerNorm(width)
         self.mlp = nn.Sequential()
@@ -39,14 +49,14 @@ class Block(nn.Module):
 
     def forward(self, x, mask):
         y = self.ln_1(x)
-        x = x + self.attn(y, y, y, need_weights=False, attn_mask=mask)[0]
-        return x + self.mlp(self.ln_2(x))
+        x = x + self.ls_1(self.attn(y, y, y, need_weights=False, attn_mask=mask)[0])
+        return x + self.ls_2(self.mlp(self.ln_2(x)))
 
 
 class Transformer(nn.Module):
-    def __init__(self, width, layers, head_width, gelu):
+    def __init__(self, width, layers, head_width, gelu, scales):
         super().__init__()
-        self.resblocks = nn.ModuleList([Block(width, head_width, gelu) for _ in range(layers)])
+        self.resblocks = nn.ModuleList([Block(width, head_width, gelu, scales) for _ in range(layers)])
 
     def forward(self, x, mask=None):
         for block in self.resblocks:
@@ -59,14 +69,14 @@ def random(*shape):
 
 
 class Visual(nn.Module):
-    def __init__(self, shape, gelu):
+    def __init__(self, shape, gelu, scales):
         super().__init__()
         width = shape[0]
         self.conv1 = nn.Conv2d(3, width, PATCH, PATCH, bias=False)
         self.class_embedding = random(width)
         self.positional_embedding = random((SIDE // PATCH) ** 2 + 1, width)
         self.ln_pre, self.ln_post = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.transformer = Transformer(*shape, gelu)
+        self.transformer = Transformer(*shape, gelu, scales)
         self.proj = random(width, DIM)
 
     def forward(self, pictures):
@@ -88,16 +98,16 @@ class Visual(nn.Module):
         for block in blocks:
             x = block(x, None)
         joined = nn.functional.linear(last.ln_1(x), last.attn.in_proj_weight, last.attn.in_proj_bias)
-        v = last.attn.out_proj(joined.chunk(3, dim=-1)[2]) + x[:, :1]
-        v = self.ln_post(v + last.mlp(last.ln_2(v))) @ self.proj
+        v = last.ls_1(last.attn.out_proj(joined.chunk(3, dim=-1)[2])) + x[:, :1]
+        v = self.ln_post(v + last.ls_2(last.mlp(last.ln_2(v)))) @ self.proj
         return v[:, 1:].transpose(1, 2).reshape(len(x), DIM, places, places)
 
 
 class Clip(nn.Module):
-    def __init__(self, shape, gelu):
+    def __init__(self, shape, gelu, scales):
         super().__init__()
-        self.visual = Visual(shape, gelu)
-        self.transformer = Transformer(TEXT_WIDTH, TEXT_LAYERS, 64, gelu)
+        self.visual = Visual(shape, gelu, scales)
+        self.transformer = Transformer(TEXT_WIDTH, TEXT_LAYERS, 64, gelu, scales)
         self.token_embedding = nn.Embedding(VOCABULARY, TEXT_WIDTH)
         self.positional_embedding = random(LENGTH, TEXT_WIDTH)
         self.ln_final = nn.LayerNorm(TEXT_WIDTH)
@@ -135,10 +145,10 @@ def checkpoint(model, kind, path):
         torch.save({"model": {prefix + name: tensor for name, tensor in separate.items()}, "iteration": 80000}, path)
 
 
-def compare(kind, shape, folder, tokenizer):
+def compare(kind, shape, scales, folder, tokenizer):
     torch.manual_seed(len(kind))
     gelu = nn.GELU if kind == "open_clip" else QuickGelu
-    model = Clip(shape, gelu).eval()
+    model = Clip(shape, gelu, scales).eval()
     checkpoint(model, kind, folder / "checkpoint.pt")
     command = [sys.executable, SCRIPT, folder / "checkpoint.pt", "-o", folder, "--tokenizer", tokenizer]
     command += ["--dense-side", str(DENSE_SIDE)]
@@ -159,16 +169,19 @@ def compare(kind, shape, folder, tokenizer):
         found = session.run(None, given[half])[0]
         unit = [e / np.linalg.norm(e, axis=1, keepdims=True) for e in (found, expected[half].numpy())]
         apart = np.abs(unit[0] - unit[1]).max()
-        print(f"{kind}, {shape[0]} wide, {half}: {'as PyTorch has it' if apart < 1e-5 else f'off by {apart:.1e}'}")
+        scaled = ", layer scale" if scales else ""
+        print(f"{kind}, {shape[0]} wide{scaled}, {half}: {'as PyTorch has it' if apart < 1e-5 else f'off by {apart:.1e}'}")
 
 
 def main():
     # OpenAI's checkpoints are TorchScript, which PyTorch now advises against.
     warnings.simplefilter("ignore", (FutureWarning, DeprecationWarning, torch.jit.TracerWarning))
     tokenizer = pathlib.Path(sys.argv[1]).resolve()
-    for kind, shape in [("OpenAI", SHAPE), ("open_clip", SHAPE), ("SurgTPGS", SHAPE), ("open_clip", WIDE_SHAPE)]:
+    kinds = [("OpenAI", SHAPE, False), ("open_clip", SHAPE, False), ("SurgTPGS", SHAPE, False)]
+    kinds += [("open_clip", WIDE_SHAPE, False), ("open_clip", SCALED_SHAPE, True)]
+    for kind, shape, scales in kinds:
         with tempfile.TemporaryDirectory() as folder:
-            compare(kind, shape, pathlib.Path(folder), tokenizer)
+            compare(kind, shape, scales, pathlib.Path(folder), tokenizer)
 
 
 if __name__ == "__main__":
