@@ -81,6 +81,21 @@ fn a_finished_reconstruction_takes_nothing_out_of_the_hand() {
 }
 
 #[test]
+fn the_view_stays_when_a_reconstruction_ends() {
+    let (beside, depth) = (ViewMode::SideBySide, ViewMode::Depth);
+    for (mode, draws, expected) in
+        [(beside, true, beside), (depth, false, depth), (beside, false, ViewMode::Original)]
+    {
+        let mut window = training();
+        let shared = &mut window.harness.state_mut().shared;
+        (shared.document.mode, shared.viewport.marking.is_on) = (mode, draws);
+        window.backend.is_trained.store(true, Ordering::Relaxed);
+        window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
+        assert_eq!(window.harness.state().shared.document.mode, expected, "{mode:?}, {draws}");
+    }
+}
+
+#[test]
 fn all_that_finished_meanwhile_are_offered() {
     let mut window = training();
     queue(&mut window, "/elsewhere/second");

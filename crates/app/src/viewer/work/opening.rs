@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     backend::{
-        FrameSource,
+        FrameSource, Info,
         paths::{PathAsk, PathKind, Picked, taken},
         task::{Task, TaskEvent},
     },
@@ -161,7 +161,7 @@ impl Shared {
         // The part of the picture that is enlarged stays, and so does the mark that is being drawn on it.
         let zoom = if is_same_recording { self.document.look.zoom } else { Zoom::default() };
         self.document.look = Look { zoom, ..Look::default() };
-        self.document.mode = ViewMode::usual(info);
+        self.document.mode = self.mode_of(info, is_same_recording);
         let Viewport { probe, has_ruler, marking, .. } = &mut self.viewport;
         (*probe, *has_ruler) = (None, false);
         if !is_same_recording {
@@ -175,6 +175,15 @@ impl Shared {
         self.open = Some(open);
         let title = format!("{} – SurgTPGS", self.title());
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(title));
+    }
+
+    /// Returns the view of what is opened. Of the same recording it is the one that was chosen before.
+    fn mode_of(&self, info: &Info, is_same_recording: bool) -> ViewMode {
+        let mode = self.document.mode;
+        // Previews are shown beside the recorded frame, which is enough at the end, unless one draws on it.
+        let is_for_previews = mode == ViewMode::SideBySide && !self.viewport.marking.is_on;
+        let stays = is_same_recording && !is_for_previews && mode.is_possible(info);
+        if stays { mode } else { ViewMode::usual(info) }
     }
 
     /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
