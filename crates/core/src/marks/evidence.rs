@@ -64,7 +64,7 @@ impl Verdicts<'_> {
 
 impl Evidence {
     /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts.
-    pub(crate) fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
+    pub fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
         let num_names = names.len();
         let mut votes = vec![0_i32; width * height * num_names];
         for mark in marks.on(frame) {

@@ -43,7 +43,7 @@ pub use crate::annotations::{Canvas, Shape};
 pub use carried::{Carried, CarrySettings};
 pub use chapter_marks::ChapterMarks;
 pub use correction::{Correction, ScoresBefore};
-pub(crate) use evidence::Evidence;
+pub use evidence::Evidence;
 pub use graph::Graph;
 pub use scores::{FrameScores, LookHere};
 
