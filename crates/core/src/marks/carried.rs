@@ -352,10 +352,8 @@ impl Carried {
             let there = CellFeatures::of(&picture);
             // Number of marked pixels of each name, and the pixels here that look the same.
             let mut found: BTreeMap<usize, (usize, Vec<usize>)> = BTreeMap::new();
-            let shown =
-                evidence.said().flat_map(|(pixels, verdicts)| pixels.map(move |i| (i, verdicts.shown())));
-            for (i, name) in shown {
-                let Some(name) = name.filter(|name| names.contains(name)) else { continue };
+            let shown = evidence.shown().filter(|(_, name)| names.contains(name));
+            for (i, name) in shown.flat_map(|(pixels, name)| pixels.map(move |i| (i, name))) {
                 let (count, pixels) = found.entry(name).or_default();
                 *count += 1;
                 let from = at_half(i, width, [luma.width, luma.height]);

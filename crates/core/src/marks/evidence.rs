@@ -32,12 +32,12 @@ struct Run {
 /// Verdicts of the marks on a pixel, for each name: 1 for names that it shows, −1 for names that it does not,
 /// 0 where the marks say nothing or as much for as against.
 #[derive(Clone, Copy)]
-pub(crate) struct Verdicts<'a>(&'a [i8]);
+pub(super) struct Verdicts<'a>(&'a [i8]);
 
 impl Verdicts<'_> {
     /// Returns the weight (0 or 1) and the share (0–1) of name `k`. A pixel that shows some names is shared by
     /// them, and shows no other.
-    pub(crate) fn of(self, k: usize) -> (f32, f32) {
+    pub(super) fn of(self, k: usize) -> (f32, f32) {
         let shown = self.0.iter().filter(|verdict| **verdict > 0).count();
         match (self.0[k], shown) {
             (1, shown) => (1.0, 1.0 / shown as f32),
@@ -47,7 +47,7 @@ impl Verdicts<'_> {
     }
 
     /// Returns the first name that is shown.
-    pub(crate) fn shown(self) -> Option<usize> {
+    fn shown(self) -> Option<usize> {
         self.0.iter().position(|verdict| *verdict > 0)
     }
 
@@ -140,9 +140,14 @@ impl Evidence {
     }
 
     /// Returns all runs of pixels of which the marks say the same, with what they say.
-    pub(crate) fn runs(&self) -> impl Iterator<Item = (Range<usize>, Verdicts<'_>)> {
+    pub(super) fn runs(&self) -> impl Iterator<Item = (Range<usize>, Verdicts<'_>)> {
         let starts = std::iter::once(0).chain(self.runs.iter().map(|run| run.end));
         starts.zip(&self.runs).map(|(start, run)| (start..run.end, self.verdicts_at(run.place)))
+    }
+
+    /// Returns the runs of pixels that show a name, with the first one that they show.
+    pub(crate) fn shown(&self) -> impl Iterator<Item = (Range<usize>, usize)> {
+        self.runs().filter_map(|(pixels, verdicts)| Some((pixels, verdicts.shown()?)))
     }
 
     /// Returns the runs of pixels that the marks say something of.

@@ -113,7 +113,7 @@ fn region_map(sequence: &Sequence, marks: &Marks, frame: usize, names: &[String]
     let evidence = Evidence::of(marks, frame, names, [width, height]);
     let keep = sequence.mask(frame)?;
     let mut map = RegionMap::filled(width, height, NO_REGION);
-    for (pixels, name) in evidence.runs().filter_map(|(pixels, verdicts)| Some((pixels, verdicts.shown()?))) {
+    for (pixels, name) in evidence.shown() {
         pixels.filter(|i| keep.data[*i]).for_each(|i| map.data[i] = name as u16);
     }
     Ok(map)
