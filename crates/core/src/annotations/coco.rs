@@ -1,7 +1,12 @@
 //! COCO annotations: each says that the pixels of its mask belong to its category.
 
-use super::{Annotation, Canvas, Images, RunsEntry, Shape};
+use super::{
+    Annotation, Canvas, RunsEntry, Shape,
+    images::{Clue, Place, places},
+    last_part, stem,
+};
 use crate::{Error, Result};
+use serde::de::IgnoredAny;
 use std::{collections::BTreeMap, sync::Arc};
 
 #[derive(serde::Deserialize)]
@@ -29,36 +34,65 @@ struct Image {
     height: Option<f64>,
 }
 
-/// The place of an image in the recording.
-#[derive(Clone, Copy)]
-enum Place {
-    Frame(usize),
-    /// The recording has other frames of the same file, but not this one.
-    LeftOut,
-    Unknown,
-}
-
 #[derive(serde::Deserialize)]
 struct Entry {
     image_id: u64,
-    category_id: u64,
-    #[serde(default)]
-    segmentation: Segmentation,
+    category_id: Option<u64>,
+    segmentation: Option<Segmentation>,
 }
 
-#[derive(Default, serde::Deserialize)]
+#[derive(serde::Deserialize)]
 #[serde(untagged)]
 enum Segmentation {
     Runs(RunsEntry),
     Polygons(Vec<Vec<f32>>),
-    #[default]
-    Other,
+    Other(IgnoredAny),
 }
+
+/// Flaw of an annotation, and advice on it.
+type Flaw = (&'static str, &'static str);
+
+const NO_CATEGORY: Flaw =
+    ("it has no category", "Its \"category_id\" has to be the id of one of the categories.");
+const NO_IMAGE: Flaw = ("it has no image", "Its \"image_id\" has to be the id of one of the images.");
+const NO_FRAME: Flaw = (
+    "its image is no frame of the recording",
+    "Frames are found by \"source\" as in the recording, by \"frame\", or by \"file_name\".",
+);
+const NO_SEGMENTATION: Flaw =
+    ("it has no segmentation", "A box alone is not read: turn it into a polygon, or leave it out.");
+const NO_SHAPE: Flaw = (
+    "its segmentation is neither polygons nor run lengths",
+    "Polygons are a list of lists: [[x, y, x, y, x, y], ...].",
+);
+const ODD_POLYGON: Flaw = (
+    "its segmentation has a polygon with an odd number of coordinates",
+    "A polygon has two for each corner: [x, y, x, y, x, y].",
+);
+const WRONG_RUNS: Flaw = (
+    "the run lengths of its segmentation do not come to its size",
+    "The size is [height, width], and runs go down the columns.",
+);
 
 impl Image {
     /// Everything by which its frame is found.
     fn named(&self) -> (Option<usize>, Option<&str>, Option<&str>) {
         (self.frame, self.source.as_deref(), self.file_name.as_deref())
+    }
+
+    /// Returns what tells its frame. A number comes before the name of the file, which in our own files
+    /// counts exported frames.
+    fn clue(&self, canvas: &Canvas) -> Clue<'_> {
+        match self.named() {
+            (number, Some(source), _) => Clue::of(source, &[source], number, canvas),
+            (Some(number), None, name) => {
+                let own = format!("frame_{number:06}");
+                let name = name.filter(|name| stem(last_part(name)) != own);
+                name.map_or(Clue::NONE, |name| Clue::of(name, &[name], None, canvas)).numbered(number)
+            }
+            (None, None, Some(name)) => Clue::of(name, &[name], None, canvas),
+            (None, None, None) => Clue::NONE,
+        }
     }
 }
 
@@ -68,21 +102,19 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     let file: Coco = serde_json::from_slice(text).map_err(malformed)?;
     let names = by_id(file.categories.iter().map(|c| (c.id, c.name.as_str())), "categories")?;
     by_id(file.images.iter().map(|image| (image.id, image.named())), "images")?;
-    let places = places(&file.images, canvas)?;
+    let places = places_by_id(&file.images, canvas)?;
     let mut found = Vec::new();
     for (i, entry) in file.annotations.iter().enumerate() {
-        let wrong = |what: &str| {
-            let hint =
-                "Frames are found by \"source\" as in the recording, by \"frame\", or by \"file_name\".";
-            Error::input(format!("annotations[{i}] cannot be used: {what}"), hint)
-        };
-        let name = names.get(&entry.category_id).ok_or_else(|| wrong("it has no category"))?;
+        let wrong =
+            |(what, hint): Flaw| Error::input(format!("annotations[{i}] cannot be used: {what}"), hint);
         let frame = match places.get(&entry.image_id) {
             Some(Place::Frame(frame)) => *frame,
             Some(Place::LeftOut) => continue,
-            Some(Place::Unknown) | None => return Err(wrong("its image is no frame of the recording")),
+            Some(Place::Unknown) => return Err(wrong(NO_FRAME)),
+            None => return Err(wrong(NO_IMAGE)),
         };
-        for shape in shapes(&entry.segmentation).ok_or_else(|| wrong("its segmentation is none"))? {
+        let name = entry.category_id.and_then(|id| names.get(&id)).ok_or_else(|| wrong(NO_CATEGORY))?;
+        for shape in shapes(entry.segmentation.as_ref()).map_err(wrong)? {
             found.push(Annotation { frame, name: (*name).to_owned(), shape });
         }
     }
@@ -103,35 +135,26 @@ fn by_id<T: PartialEq>(entries: impl Iterator<Item = (u64, T)>, kind: &str) -> R
     Ok(known)
 }
 
-/// Returns the place of every image, by its id. Names of recorded frames come first: their numbers change
-/// with the first frame that is used.
-fn places(images: &[Image], canvas: &Canvas) -> Result<BTreeMap<u64, Place>> {
-    let named = |name: &Option<String>| canvas.frame_named(name.as_deref()?);
-    let by_source: Vec<Option<usize>> = images.iter().map(|image| named(&image.source)).collect();
-    let are_of_recording = by_source.iter().any(Option::is_some);
-    let mut known = Images::default();
-    let place = |(image, by_source): (&Image, Option<usize>)| {
-        if by_source.is_none() && are_of_recording && image.source.is_some() {
-            return Ok((image.id, Place::LeftOut));
+/// Returns the place of every image, by its id.
+fn places_by_id(images: &[Image], canvas: &Canvas) -> Result<BTreeMap<u64, Place>> {
+    let clues: Vec<Clue<'_>> = images.iter().map(|image| image.clue(canvas)).collect();
+    let places = places(&clues, canvas)?;
+    for (image, place) in images.iter().zip(&places) {
+        if let (Place::Frame(_), Some(width), Some(height)) = (place, image.width, image.height) {
+            canvas.expect_size(width as usize, height as usize)?;
         }
-        let frame = by_source.or(image.frame).or_else(|| named(&image.file_name));
-        if let Some(frame) = frame {
-            known.add(frame, image.source.as_ref().or(image.file_name.as_ref()).map_or("", |name| name))?;
-            if let (Some(width), Some(height)) = (image.width, image.height) {
-                canvas.expect_size(width as usize, height as usize)?;
-            }
-        }
-        Ok((image.id, frame.map_or(Place::Unknown, Place::Frame)))
-    };
-    images.iter().zip(by_source).map(place).collect()
+    }
+    Ok(images.iter().map(|image| image.id).zip(places).collect())
 }
 
-fn shapes(segmentation: &Segmentation) -> Option<Vec<Shape>> {
+fn shapes(segmentation: Option<&Segmentation>) -> Result<Vec<Shape>, Flaw> {
     match segmentation {
-        Segmentation::Runs(entry) => Some(vec![Shape::Mask(Arc::new(entry.runs()?))]),
-        Segmentation::Polygons(polygons) if polygons.is_empty() => None,
-        Segmentation::Polygons(polygons) => polygons.iter().map(|flat| polygon(flat)).collect(),
-        Segmentation::Other => None,
+        Some(Segmentation::Runs(entry)) => Ok(vec![Shape::Mask(Arc::new(entry.runs().ok_or(WRONG_RUNS)?))]),
+        Some(Segmentation::Polygons(polygons)) if !polygons.is_empty() => {
+            polygons.iter().map(|flat| polygon(flat).ok_or(ODD_POLYGON)).collect()
+        }
+        Some(Segmentation::Other(IgnoredAny)) => Err(NO_SHAPE),
+        Some(Segmentation::Polygons(_)) | None => Err(NO_SEGMENTATION),
     }
 }
 

@@ -1,7 +1,7 @@
 //! CVAT's XML: tracks of a video, or images, with masks, polygons and boxes. A mask is a rectangle of run
 //! lengths, row by row.
 
-use super::{Annotation, Canvas, Images, Shape};
+use super::{Annotation, Canvas, Shape, images::Images};
 use crate::{Error, Result, grid::Mask, mask::Runs};
 use quick_xml::{
     Reader, XmlVersion,

@@ -205,10 +205,21 @@ fn images_of_tasks_tell_more_than_other_words() {
     let result = format!(r#"[{{"type": "rectanglelabels", "value": {value}}}]"#);
     let frame = |data: &str| {
         let text = format!(r#"[{{"data": {{{data}}}, "annotations": [{{"result": {result}}}]}}]"#);
-        parse(text.as_bytes(), &canvas).unwrap().unwrap()[0].frame
+        Ok::<_, Error>(parse(text.as_bytes(), &canvas)?.unwrap()[0].frame)
     };
-    assert_eq!(frame(r#""case": "3", "image": "/data/upload/7.png""#), 7);
-    assert_eq!(frame(r#""case": "3", "image": "a/other.png""#), 3);
+    for (data, expected) in [
+        (r#""case": "3", "image": "/data/upload/7.png""#, 7),
+        (r#""case": "3", "url": "https://host/7.png?key=2", "frame": 1"#, 7),
+        (r#""case": "3", "image": "0007.png", "frame": 5"#, 5),
+        (r#""case": "3", "frame": 5"#, 5),
+        (r#""picture": "3""#, 3),
+    ] {
+        assert_eq!(frame(data).unwrap(), expected, "{data}");
+    }
+    for data in [r#""case": "3", "image": "a/other.png""#, r#""case": "3", "image": "other", "frame": 3"#] {
+        let message = frame(data).unwrap_err().to_string();
+        assert!(message.contains("is no frame of the recording, and neither"), "{data}: {message}");
+    }
 }
 
 /// Returns bytes in which `to` is everywhere in the place of `from`, which is as long.
@@ -308,18 +319,127 @@ fn sources_tell_more_than_numbers_and_those_of_left_out_frames_do_not_count() {
     let source = |name: &str, frame: usize| format!(r#""source": "{name}", "frame": {frame}"#);
     let (cut, shown) = (source("shot 7.png", 2), source("shot 3.png", 0));
     assert_eq!(masks(&[&cut, &shown]), [3]);
-    assert_eq!(masks(&[&source("video 7", 2), &source("video 8", 3)]), [2, 3], "names of something else");
+    assert_eq!(masks(&[&source("000007", 2), &source("000008", 3)]), [2, 3], "numbers alone name no picture");
     let own = format!("{}, \"file_name\": \"shot 1.png\"", r#""frame": 4, "source": null"#);
     assert_eq!(masks(&[&own]), [4], "own names of files count exported frames");
-    let task = |frame: usize, image: &str| {
-        let value = r#""value": {"x": 0, "y": 0, "width": 9, "height": 9, "rectanglelabels": ["fat"]}"#;
-        let result = format!(r#"[{{"type": "rectanglelabels", {value}}}]"#);
-        format!(
-            r#"[{{"data": {{"image": "{image}", "frame": {frame}}}, "annotations": [{{"result": {result}}}]}}]"#
-        )
-    };
+    let task = |frame: usize, image: &str| label_studio(&[(image.to_owned(), frame)]);
     assert_eq!(shapes_of(&task(1, "/data/local-files/?d=a/shot 3.png"))[0].0, 3);
     assert_eq!(shapes_of(&task(1, "/data/upload/1.png"))[0].0, 1);
+}
+
+/// Returns a file of Label Studio with a box on each of the images.
+fn label_studio(images: &[(String, usize)]) -> String {
+    let value = r#""value": {"x": 0, "y": 0, "width": 9, "height": 9, "rectanglelabels": ["fat"]}"#;
+    let result = format!(r#"[{{"type": "rectanglelabels", {value}}}]"#);
+    let task = |(image, frame): &(String, usize)| {
+        format!(
+            r#"{{"data": {{"image": "{image}", "frame": {frame}}}, "annotations": [{{"result": {result}}}]}}"#
+        )
+    };
+    format!("[{}]", images.iter().map(task).collect::<Vec<_>>().join(", "))
+}
+
+/// Returns the frames that a COCO file and one of Label Studio mark, or their errors. Both are about `frames`
+/// of a recording whose names `name` tells, as they are exported, and are read for one with `frame_names`.
+fn frames_marked(
+    frame_names: Vec<String>,
+    frames: std::ops::Range<usize>,
+    name: impl Fn(usize) -> String,
+) -> [Result<Vec<usize>, String>; 2] {
+    let canvas = Canvas { num_frames: frame_names.len(), frame_names, ..canvas() };
+    let entry =
+        |i: usize| format!(r#""source": "{}", "frame": {i}, "file_name": "frame_{i:06}.png""#, name(i));
+    let entries: Vec<String> = frames.clone().map(entry).collect();
+    let images: Vec<(String, usize)> =
+        frames.map(|i| (format!("/data/local-files/?d={}", name(i)), i)).collect();
+    let texts = [coco(&entries.iter().map(String::as_str).collect::<Vec<_>>()), label_studio(&images)];
+    texts.map(|text| match parse(text.as_bytes(), &canvas) {
+        Ok(found) => Ok(found.unwrap_or_default().iter().map(|a| a.frame).collect()),
+        Err(error) => Err(error.to_string()),
+    })
+}
+
+#[test]
+fn names_tell_frames_after_others_were_left_out() {
+    let picture = |i: usize| format!("frame_{i:06}.png");
+    let video = |i: usize| format!("{i:06}");
+    let plain = |i: usize| format!("{i}.png");
+    let namings: [&dyn Fn(usize) -> String; 3] = [&picture, &video, &plain];
+    for name in namings {
+        // The recording is used from its fifth frame on, the files are about all of it.
+        let names = || (4..12).map(name).collect::<Vec<_>>();
+        for found in frames_marked(names(), 0..12, name) {
+            assert_eq!(found.unwrap(), (0..8).collect::<Vec<usize>>(), "{}", name(4));
+        }
+        for found in frames_marked(names(), 2..6, name) {
+            assert_eq!(found.unwrap(), [0, 1], "{}", name(4));
+        }
+        for found in frames_marked(names(), 0..3, name) {
+            let message = found.unwrap_err();
+            assert!(message.contains(&name(0)) && message.contains("and neither is any other"), "{message}");
+            assert!(message.contains(&format!("called \"{}\" to \"{}\"", name(4), name(11))), "{message}");
+        }
+    }
+}
+
+#[test]
+fn pictures_of_another_recording_are_refused_whatever_their_numbers_are() {
+    let names = || (0..5).map(|i| format!("shot {i}")).collect::<Vec<_>>();
+    let other = |i: usize| format!("patient-99/other_{i:06}.png");
+    for found in frames_marked(names(), 0..3, other) {
+        let message = found.unwrap_err();
+        assert!(message.contains("patient-99/other_000000.png\" is no frame of the recording"), "{message}");
+    }
+    let named = |name: &str| coco(&[&format!(r#""frame": 2, "file_name": "{name}""#)]);
+    let message = parse(named("patient99_000002.png").as_bytes(), &canvas()).unwrap_err().to_string();
+    assert!(message.contains("\"patient99_000002.png\" is no frame of the recording"), "{message}");
+    for name in ["000002.png", "masks/frame_000002.png"] {
+        assert_eq!(shapes_of(&named(name))[0].0, 2, "{name} is a number");
+    }
+    // Of a video, pictures may be numbered in another way.
+    let video = || (0..5).map(|i| format!("{i:06}")).collect::<Vec<_>>();
+    for found in frames_marked(video(), 1..4, |i| format!("{:04}.png", i + 1)) {
+        assert_eq!(found.unwrap(), [1, 2, 3]);
+    }
+    for found in frames_marked(names(), 0..0, other) {
+        assert!(found.unwrap().is_empty());
+    }
+    // Where names of frames are not known, numbers count.
+    let unknown = Canvas { frame_names: Vec::new(), ..canvas() };
+    let text = label_studio(&[(other(2), 2)]);
+    assert_eq!(parse(text.as_bytes(), &unknown).unwrap().unwrap()[0].frame, 2);
+}
+
+#[test]
+fn what_annotations_of_coco_lack_is_told_with_what_to_do() {
+    let file = |image: &str, annotation: &str| {
+        format!(
+            r#"{{"categories": [{{"id": 1, "name": "fat"}}], "images": [{{"id": 7{image}}}],
+                "annotations": [{{"image_id": 7, {annotation}}}]}}"#
+        )
+    };
+    let frame = r#", "frame": 2"#;
+    let triangle = r#""segmentation": [[1, 1, 9, 1, 9, 9]]"#;
+    let with = |segmentation: &str| format!(r#""category_id": 1, "segmentation": {segmentation}"#);
+    for (image, annotation, says, advice) in [
+        (frame, r#""category_id": 1, "bbox": [1, 1, 8, 8]"#.to_owned(), "no segmentation", "A box alone"),
+        (frame, with("[]"), "no segmentation", "A box alone"),
+        (frame, with("null"), "no segmentation", "A box alone"),
+        (frame, with("[[1, 1, 9, 1, 9]]"), "an odd number of coordinates", "two for each corner"),
+        (frame, with("[1, 1, 9, 1, 9, 9]"), "neither polygons nor run lengths", "a list of lists"),
+        (frame, with(r#"{"size": [23, 37], "counts": [3, 4]}"#), "come to its size", "[height, width]"),
+        (frame, triangle.to_owned(), "no category", "\"category_id\""),
+        (frame, format!(r#""category_id": 2, {triangle}"#), "no category", "\"category_id\""),
+        ("", format!(r#""category_id": 1, {triangle}"#), "no frame of the recording", "Frames are found by"),
+    ] {
+        let message = parse(file(image, &annotation).as_bytes(), &canvas()).unwrap_err().to_string();
+        assert!(message.starts_with("annotations[0] cannot be used: "), "{message}");
+        assert!(message.contains(says) && message.contains(advice), "{annotation}: {message}");
+        assert_eq!(message.contains("Frames are found"), image.is_empty(), "{message}");
+    }
+    let other = file(frame, triangle).replace("\"image_id\": 7", "\"image_id\": 8");
+    let message = parse(other.as_bytes(), &canvas()).unwrap_err().to_string();
+    assert!(message.contains("it has no image") && message.contains("\"image_id\""), "{message}");
 }
 
 #[test]
@@ -332,6 +452,8 @@ fn annotations_of_other_recordings_are_refused() {
     let images = [1, 2].map(|frame| format!(r#"{{"id": 0, "frame": {frame}}}"#)).join(", ");
     let put_together = format!(r#"{{"categories": [], "images": [{images}], "annotations": []}}"#);
     assert!(refused(&put_together).contains("two images have the id 0"), "{}", refused(&put_together));
+    let both = coco(&[r#""frame": 1"#, r#""file_name": "shot 1.png""#]);
+    assert!(refused(&both).starts_with("an image without a name and \"shot 1.png\" would both be frame 1"));
     let image = |folder: &str| format!("<image name=\"{folder}/shot 2.png\"></image>");
     assert!(refused(&cvat(&(image("a") + &image("b")))).contains("would both be frame 2"));
     let tasks = |folder: &str| format!(r#"{{"data": {{"image": "{folder}/shot 2.png"}}}}"#);

@@ -3,9 +3,17 @@
 
 pub(crate) mod packed;
 
-use super::{Annotation, Canvas, Images, Shape};
+use super::{
+    Annotation, Canvas, Shape,
+    images::{Clue, Place, places},
+};
 use crate::{Error, Result};
 use serde_json::{Map, Value};
+
+/// Key of the data of a task that is its image, unless its project is set up otherwise.
+const IMAGE: &str = "image";
+/// Endings of the names of pictures.
+const PICTURES: [&str; 8] = ["png", "jpg", "jpeg", "bmp", "gif", "tif", "tiff", "webp"];
 
 #[derive(serde::Deserialize)]
 struct Task {
@@ -55,11 +63,11 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
         let hint = "Export the tasks of Label Studio as JSON.";
         Error::input(format!("this is no file of Label Studio's tasks: {e}"), hint)
     })?;
-    let (mut found, mut images) = (Vec::new(), Images::default());
-    for (i, task) in tasks.iter().enumerate() {
-        let place = task.place(canvas);
-        if let Some((frame, image)) = place {
-            images.add(frame, image)?;
+    let clues: Vec<Clue<'_>> = tasks.iter().map(|task| task.clue(canvas)).collect();
+    let mut found = Vec::new();
+    for (i, (task, place)) in tasks.iter().zip(places(&clues, canvas)?).enumerate() {
+        if place == Place::LeftOut {
+            continue;
         }
         for item in task.items() {
             let wrong = |what: &str, hint: &str| {
@@ -67,10 +75,10 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
             };
             let Some(shape) = item.shape(canvas)? else { continue };
             let shape = shape.map_err(|what| wrong(what, "Turn it into a brush mask or a polygon."))?;
-            let (frame, _) = place.ok_or_else(|| {
+            let Place::Frame(frame) = place else {
                 let hint = "Frames are found by the name of the task's image, or by \"frame\" in its data.";
-                wrong("its image is no frame of the recording", hint)
-            })?;
+                return Err(wrong("its image is no frame of the recording", hint));
+            };
             let name = item.value.brushlabels.first().cloned();
             let name = name.ok_or_else(|| wrong("it has no label", "Give every region a label."))?;
             found.push(Annotation { frame, name, shape });
@@ -86,23 +94,45 @@ impl Task {
         corrected.or(self.predictions.first()).into_iter().flat_map(|answer| &answer.result)
     }
 
-    /// Returns the frame and the address of its image, if it has one that names the frame. Names come first:
-    /// numbers of frames change with the first one that is used. Of the task's texts, those that look like
-    /// addresses come before other words.
-    fn place(&self, canvas: &Canvas) -> Option<(usize, &str)> {
-        let is_address = |text: &&str| text.contains(['/', '\\', '=', '.']);
-        let texts = self.data.values().filter_map(Value::as_str);
-        let (addresses, words): (Vec<&str>, Vec<&str>) = texts.partition(is_address);
-        let named = addresses.into_iter().chain(words).find_map(|address| {
-            let name = address.rsplit(['/', '=', '\\']).next().unwrap_or(address);
-            // Uploaded files get eight letters and a hyphen before their names.
-            let original = name.split_at_checked(9).filter(|(added, _)| added.ends_with('-')).map(|(_, n)| n);
-            let frame = canvas.frame_named(name).or_else(|| canvas.frame_named(original?));
-            frame.map(|frame| (frame, address))
-        });
-        let numbered = || canvas.frame(self.data.get("frame")?.as_u64()? as usize);
-        named.or_else(|| Some((numbered()?, "")))
+    /// Returns what tells its frame: the address of its image, or else its number. Other words count if there
+    /// is neither.
+    fn clue<'a>(&'a self, canvas: &Canvas) -> Clue<'a> {
+        let number = self.data.get("frame").and_then(Value::as_u64).map(|number| number as usize);
+        let of = |text: &'a str| Clue::of(text, &names_in(text), number, canvas);
+        let texts = || self.data.values().filter_map(Value::as_str);
+        let image = self.data.get(IMAGE).and_then(Value::as_str);
+        let addresses = image.into_iter().chain(texts().filter(|text| is_address(text)));
+        let clues: Vec<Clue<'a>> = addresses.map(of).collect();
+        let told = clues.iter().copied().find(Clue::names_a_frame).or(clues.first().copied());
+        let numbered = || number.map(|number| Clue::NONE.numbered(number));
+        let worded = || texts().map(of).find(Clue::names_a_frame);
+        told.or_else(numbered).or_else(worded).unwrap_or(Clue::NONE)
     }
+}
+
+/// Returns `true` for a text that is the address of a picture.
+fn is_address(text: &str) -> bool {
+    text.starts_with('/') || text.contains("://") || is_picture(text)
+}
+
+fn is_picture(name: &str) -> bool {
+    let ending = name.rsplit_once('.').map(|(_, ending)| ending.to_ascii_lowercase());
+    ending.is_some_and(|ending| PICTURES.contains(&ending.as_str()))
+}
+
+/// Returns the names that an address may stand for, the image's own last. Uploaded files get eight digits and
+/// a hyphen before their names; signed addresses go on with a question mark after them.
+fn names_in(address: &str) -> Vec<&str> {
+    let path = end_of(address.split('?').next().unwrap_or(address));
+    let name = if is_picture(path) { path } else { end_of(address) };
+    let is_added = |added: &str| added.len() == 8 && added.bytes().all(|digit| digit.is_ascii_hexdigit());
+    let original = name.split_once('-').filter(|(added, _)| is_added(added));
+    std::iter::once(name).chain(original.map(|(_, original)| original)).collect()
+}
+
+/// Returns what follows the last separator of an address.
+fn end_of(address: &str) -> &str {
+    address.rsplit(['/', '=', '\\']).next().unwrap_or(address)
 }
 
 impl Item {

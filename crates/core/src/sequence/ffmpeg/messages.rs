@@ -15,6 +15,8 @@ use std::io::{BufRead, BufReader, Read};
 pub(super) const LEADING_FRAMES: usize = 16;
 /// Allowed time between the last frame and the end of a file, seconds.
 const SLACK: f64 = 0.1;
+/// Beginning of a line that advises on ffmpeg's options, which nobody gave here.
+const ADVICE: &str = "To ignore this, add a trailing";
 
 /// A decoded picture, as `showinfo` describes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -98,7 +100,7 @@ impl Told {
             self.count(shown);
             return;
         }
-        if line.is_empty() || line.contains("showinfo") {
+        if line.is_empty() || line.contains("showinfo") || line.contains(ADVICE) {
             self.tick_s = self.tick_s.or_else(|| ratio(after(line, "config in time_base:")?));
             return;
         }
@@ -144,6 +146,17 @@ impl Told {
         }
         self.last_lasts = shown.lasts.unwrap_or(0.0);
         self.frames += 1;
+    }
+
+    /// Returns the flaw of a file that has no video track, without a full stop; `None` if it has one, or
+    /// ffmpeg could not read it.
+    pub(super) fn no_video(&self) -> Option<&'static str> {
+        let is_unmatched = self.complaint.as_ref().is_some_and(|what| what.contains("matches no streams"));
+        match (self.has_video, self.has_audio) {
+            (false, true) => Some("there is no video track in this file, only sound"),
+            (false, false) if is_unmatched => Some("there is no video track in this file"),
+            _ => None,
+        }
     }
 
     /// Returns the time of the last frame, seconds after the start of the file.
@@ -276,13 +289,14 @@ fn seconds(clock: &str) -> Option<f64> {
     clock.split(':').try_fold(0.0, |sum, part| part.parse::<f64>().ok().map(|v| sum * 60.0 + v))
 }
 
-/// Removes the prefixes that ffmpeg puts before a line: `[mov @ 0x55] [error] stream 0: partial file`.
+/// Removes the full stop, and the prefixes that ffmpeg puts before a line:
+/// `[mov @ 0x55] [error] stream 0: partial file`.
 fn plain(line: &str) -> String {
     let mut rest = line;
     while let Some((_, tail)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) {
         rest = tail.trim_start();
     }
-    rest.to_owned()
+    rest.trim_end_matches('.').to_owned()
 }
 
 /// Returns the frame rate in ffmpeg's description of the input: `… 640x512, 25 fps, …`.

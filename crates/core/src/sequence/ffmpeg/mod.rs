@@ -157,12 +157,7 @@ fn unpack(video: &Unread, selection: &Selection) -> Result<Recording> {
     }
     let mut pictures = read::list(scratch.path(), &["png"])?;
     if !status.success() || pictures.is_empty() {
-        let last_line = if told.last_line.is_empty() { "no frames came out" } else { &told.last_line };
-        return Err(Error::input_at(
-            &video.path,
-            format!("the video cannot be read here ({}), nor by ffmpeg: {last_line}", video.why_not_here),
-            "The file may be damaged, or the frames asked for in its settings may not exist.",
-        ));
+        return Err(unreadable(video, &told));
     }
     let notes = compare(video, selection, &told, pictures.len())?;
     if let Some(last) = selection.last {
@@ -181,6 +176,19 @@ fn unpack(video: &Unread, selection: &Selection) -> Result<Recording> {
     recording.scratch.push(scratch);
     recording.read_by_ffmpeg.push(video.path.clone());
     Ok(recording)
+}
+
+/// Returns the error about a video of which no frames came out.
+fn unreadable(video: &Unread, told: &Told) -> Error {
+    if let Some(what) = told.no_video() {
+        return Error::input_at(&video.path, what, "Open the file that holds the pictures.");
+    }
+    let last_line = if told.last_line.is_empty() { "no frames came out" } else { &told.last_line };
+    Error::input_at(
+        &video.path,
+        format!("the video cannot be read here ({}), nor by ffmpeg: {last_line}", video.why_not_here),
+        "The file may be damaged, or the frames asked for in its settings may not exist.",
+    )
 }
 
 /// Runs ffmpeg and collects its messages.

@@ -29,7 +29,7 @@ pub(super) fn matches(folder: &Path) -> Result<bool> {
 }
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
-    let images = read::list(&folder.join("images"), read::PICTURES)?;
+    let images = super::frames_in(&folder.join("images"))?;
     let mut recording = Recording::of_pictures(folder, &images)?;
     let poses = Poses::read(&folder.join("poses_bounds.npy"), &recording)?;
     recording.cameras = poses.cameras;

@@ -21,7 +21,7 @@ pub(super) fn matches(folder: &Path) -> Result<bool> {
 }
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
-    let images = read::list(&folder.join("left_frames"), read::PICTURES)?;
+    let images = super::frames_in(&folder.join("left_frames"))?;
     let mut recording = Recording::of_pictures(folder, &images)?;
     let here = folder.join("labels.json");
     let above = folder.join("../labels.json");

@@ -19,7 +19,7 @@ pub(super) fn matches(folder: &Path) -> Result<bool> {
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let inner = folder.join("images");
     let is_inside = read::holds(&inner, read::PICTURES);
-    let images = read::list(if is_inside { &inner } else { folder }, read::PICTURES)?;
+    let images = super::frames_in(if is_inside { &inner } else { folder })?;
     let mut recording = Recording::of_pictures(folder, &images)?;
     if !is_inside && let Some(video) = read::list(folder, video::VIDEOS)?.first() {
         let name = read::file_name(video);

@@ -15,7 +15,10 @@ use super::{
     video,
 };
 use crate::{Error, Result, files::kind_of_result, prepare::Prepared};
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 /// The folder layouts that are recognised, by content and never by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -70,6 +73,25 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Record
         [] => Err(not_a_recording(path)),
         files => Ok((Layout::Video, video::open_folder(path, files, selection)?)),
     }
+}
+
+/// Lists the frames of a folder of pictures.
+///
+/// # Errors
+/// Two pictures whose names differ in their endings alone: each frame would count twice, and a copy of a
+/// held-out one would be trained on.
+fn frames_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let pictures = read::list(folder, read::PICTURES)?;
+    let mut known = BTreeMap::new();
+    for (i, picture) in pictures.iter().enumerate() {
+        if let Some(first) = known.insert(picture.with_extension(""), i) {
+            let [first, second] = [&pictures[first], picture].map(|path| read::file_name(path));
+            let what = format!("\"{first}\" and \"{second}\" would be two frames of one name");
+            let hint = "Leave out one kind of pictures: move it to another folder.";
+            return Err(Error::input_at(folder, what, hint));
+        }
+    }
+    Ok(pictures)
 }
 
 fn not_a_recording(folder: &Path) -> Error {

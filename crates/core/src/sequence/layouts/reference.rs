@@ -30,7 +30,7 @@ pub(super) fn matches(folder: &Path) -> Result<bool> {
 }
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
-    let images = read::list(&folder.join("images"), read::PICTURES)?;
+    let images = super::frames_in(&folder.join("images"))?;
     let mut recording = Recording::of_pictures(folder, &images)?;
     let (width, height) = (recording.width as u32, recording.height as u32);
     let camera = Camera { fx: FOCAL, fy: FOCAL, ..Camera::with_field_of_view(width, height, 60.0) };

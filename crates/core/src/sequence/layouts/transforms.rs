@@ -1,9 +1,10 @@
 //! nerfstudio's `transforms.json`: one pose per frame, so the camera may move.
 //!
 //! `transform_matrix` is camera-to-world with OpenGL axes (right, up, backwards). Intrinsics are given once
-//! or per frame, in pixels of the `w × h` they name. `mask_path` is white where kept; `depth_file_path`
-//! counts `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
-//! ignore: `label_path` per frame and the top-level list `classes` (as in `labels.json`).
+//! or per frame, in pixels of the `w × h` they name; one focal length counts for both axes. `mask_path` is
+//! white where kept; `depth_file_path` counts `depth_unit_scale_factor` scene units (0.001 unless given). Our
+//! own additions, which other programs ignore: `label_path` per frame and the top-level list `classes` (as in
+//! `labels.json`).
 
 use crate::{
     Error, Result,
@@ -182,10 +183,11 @@ impl Intrinsics {
         }
     }
 
-    /// Returns the focal length along x for pictures `width` columns wide, if it is known.
+    /// Returns the focal length along x for pictures `width` columns wide, if it is known. It is that along y
+    /// if this alone is given.
     fn focal(&self, width: f64) -> Option<f64> {
         let from_angle = self.camera_angle_x.map(|angle| 0.5 * self.w.unwrap_or(width) / (0.5 * angle).tan());
-        self.fl_x.or(from_angle)
+        self.fl_x.or(from_angle).or(self.fl_y)
     }
 
     /// Returns columns and rows of the pictures that the numbers are of; `size` if they do not say.

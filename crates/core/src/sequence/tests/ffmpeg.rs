@@ -140,6 +140,27 @@ fn a_full_temporary_folder_is_called_that() {
 
 #[cfg(unix)]
 #[test]
+fn a_file_without_a_video_track_is_called_that() {
+    let refused =
+        |said: &str| opened(&format!("cat >&2 <<'END'\n{said}END\nexit 1"), &ALL).unwrap_err().to_string();
+    let sound = "[info]   Stream #0:0(und): Audio: aac (LC), 44100 Hz, mono, fltp (default)\n";
+    let unmatched =
+        "[fatal] Stream map '0:v:0' matches no streams.\nTo ignore this, add a trailing '?' to the map.\n";
+    let message = refused(&(sound.to_owned() + unmatched));
+    let says =
+        "there is no video track in this file, only sound. Open the file that holds the pictures. (clip.avi)";
+    assert_eq!(message, says);
+    let later = unmatched.to_owned() + "[fatal] Error opening output files: Invalid argument\n";
+    assert_eq!(refused(&later), says.replace(", only sound", ""));
+    // Others are told as ffmpeg tells them, with one full stop.
+    let damaged = "[error] clip.avi: Invalid data found when processing input.\n";
+    let message = refused(&(damaged.to_owned() + "To ignore this, add a trailing '?' to the map.\n"));
+    assert!(message.contains("(why), nor by ffmpeg: clip.avi: Invalid data found"), "{message}");
+    assert!(message.contains("processing input. The file may be damaged"), "{message}");
+}
+
+#[cfg(unix)]
+#[test]
 fn frames_that_come_beyond_those_asked_for_are_left_out() {
     let five = "for i in 0 1 2 3 4; do cp $frame $out/0000000$i.png; done";
     let selection = Selection { first: 4, last: Some(8), every: 2 };

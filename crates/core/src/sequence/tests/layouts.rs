@@ -191,6 +191,25 @@ fn wrong_folders_are_named_plainly() {
 }
 
 #[test]
+fn frames_that_are_there_in_two_kinds_are_refused() {
+    let cases: [(&str, &[&str]); 4] =
+        [("images", &["poses_bounds.npy"]), ("images", &["disps"]), ("left_frames", &[]), ("", &[])];
+    for (name, beside) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let pictures = folder.path().join(name);
+        write_pictures(&pictures, &["f_9.png", "f_10.png", "f_10.jpg", "f_9.JPG", "f_10.k.png"]);
+        beside.iter().for_each(|name| std::fs::create_dir(folder.path().join(name)).unwrap());
+        let error = message(Sequence::open(folder.path()));
+        assert!(error.contains("\"f_9.JPG\" and \"f_9.png\" would be two frames"), "{name}: {error}");
+        assert!(error.contains("move it to another folder"), "{error}");
+    }
+    // Only the endings may be written in any way.
+    let folder = tempfile::tempdir().unwrap();
+    write_pictures(folder.path(), &["a.png", "a.left.png", "b.jpg", "c.PNG"]);
+    assert_eq!(Sequence::open(folder.path()).unwrap().num_frames(), 4);
+}
+
+#[test]
 fn counts_that_differ_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -327,6 +346,20 @@ fn transforms_have_opengl_axes_and_intrinsics_per_frame() {
     assert_eq!(sequence.depth(1).unwrap().unwrap().at(3, 3), 2.5);
     assert!(sequence.depth(0).unwrap().is_none());
     assert_eq!(sequence.labels(1).unwrap().unwrap().row(0)[..3], [1, 1, NO_LABEL]);
+}
+
+#[test]
+fn one_focal_length_in_transforms_counts_for_both_axes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["f9.png", "f10.png"]);
+    for (without, focal) in [("\"fl_x\":20,", [11.0, 11.0]), ("\"fl_y\":22,", [10.0, 10.0])] {
+        std::fs::write(at("transforms.json"), TRANSFORMS.replace(without, "")).unwrap();
+        let sequence = Sequence::open(folder.path()).unwrap();
+        let camera = sequence.camera(0);
+        assert_eq!(([camera.fx, camera.fy], [camera.cx, camera.cy]), (focal, [3.5, 2.5]));
+        assert_eq!(sequence.camera_source(), CameraSource::Given);
+    }
 }
 
 #[test]
