@@ -8,6 +8,10 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::num::NonZeroUsize;
 
+/// Smallest channel of a Gaussian's first colour, 8-bit. At 0, colour has no gradient (method §4.2), and a
+/// Gaussian would stay black.
+const DARKEST: u8 = 1;
+
 /// A frame to seed from.
 #[derive(Debug)]
 pub struct SeedFrame {
@@ -163,7 +167,7 @@ fn push(
     gaussians.means.push(frame.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, depth).into());
     gaussians.rotations.push([1.0, 0.0, 0.0, 0.0]);
     gaussians.log_scales.push([radius.max(1e-6).ln(); 3]);
-    gaussians.colours.push(colour.map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0));
+    gaussians.colours.push(colour.map(|c| (f32::from(c.max(DARKEST)) / 255.0 - 0.5) / SH_C0));
 }
 
 #[cfg(test)]
@@ -200,9 +204,17 @@ mod tests {
             let (u, v, z) = Camera::with_field_of_view(64, 48, 60.0).project((*mean).into()).unwrap();
             assert!((z - 5.0).abs() < 1e-4);
             let shown = colour.map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as i32);
-            assert_eq!(shown, [u as i32, v as i32, 9]);
+            assert_eq!(shown, [(u as i32).max(1), (v as i32).max(1), 9]);
         }
         assert_eq!(g.features.len(), g.len() * 3);
+    }
+
+    #[test]
+    fn no_gaussian_is_so_black_that_its_colour_has_no_gradient() {
+        let black = SeedFrame { colour: RgbImage::new(64, 48), ..frame(None, |_, _| true) };
+        let g = seed(&[black], &settings(0));
+        let shown: Vec<f32> = g.colours.as_flattened().iter().map(|c| 255.0 * (0.5 + SH_C0 * c)).collect();
+        assert!(!shown.is_empty() && shown.iter().all(|c| *c > 0.5 && *c < 1.5), "{shown:?}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! the order in which a decoder shows them.
 
 use super::{
+    edit_list::Cut,
     h264::{IDR_SLICE, SEQUENCE_PARAMETERS, is_slice},
     mp4::{CodedPicture, Description, Framing, MAX_PICTURES, Mp4},
 };
@@ -51,6 +52,8 @@ pub(super) fn index(file: &Pieces, (width, height): (usize, usize)) -> Result<Mp
         is_turned: false,
         present: found.len(),
         bytes: file.len(),
+        cut: Cut::nothing(found.len()),
+        lasts: 0,
         pictures: found,
         is_open_ended: false,
         num_tracks: 1,

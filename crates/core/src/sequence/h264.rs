@@ -7,6 +7,7 @@
 use super::{
     annex_b,
     decoding::{Cache, Decoding, Position},
+    edit_list::Cut,
     mp4::{CodedPicture, Description, Framing, Mp4},
     read,
 };
@@ -23,6 +24,7 @@ use openh264::{
 };
 use std::{
     io::{BufReader, Read, Seek, SeekFrom},
+    ops::Range,
     path::Path,
     sync::{Arc, Mutex, PoisonError},
 };
@@ -40,8 +42,10 @@ pub(super) struct H264 {
     pub descriptions: Vec<Description>,
     /// All samples, in decoding order.
     samples: Vec<CodedPicture>,
-    /// The sample of each frame that can be shown: as many as samples, or fewer if the file is cut off.
-    pub shown: Vec<usize>,
+    /// The sample of each frame that can be shown, up to the last used one: fewer if the file is cut off.
+    shown: Vec<usize>,
+    /// The frames that are used. Others are decoded where used ones need them.
+    pub cut: Cut,
     /// The points where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     /// Shared by the videos of one recording, of which one at a time is decoded.
@@ -99,22 +103,28 @@ impl H264 {
         if units.any(|unit| is_parameters(&unit) && !is_of_420(unit)) {
             return Err("its colours are not coded as 4:2:0".to_owned());
         }
-        let frames_there = mp4.frames_there();
+        let end = mp4.cut.used.start + mp4.frames_there();
         let mut video = Self {
             file: file.clone(),
             frames_per_second: mean_speed(&mp4),
             tick_s: 1.0 / f64::from(mp4.timescale),
             starts: candidates(&mp4),
             shown: mp4.in_order_of_showing(),
+            cut: mp4.cut,
             descriptions: mp4.descriptions,
             samples: mp4.pictures,
             state,
         };
         video.samples.truncate(mp4.present);
-        video.shown.truncate(frames_there);
+        video.shown.truncate(end);
         video.starts = video.find_starts().map_err(|e| e.to_string())?;
-        video.frame(0).map_err(|e| e.to_string())?;
+        video.frame(video.cut.used.start).map_err(|e| e.to_string())?;
         Ok(video)
+    }
+
+    /// Returns the frames that are used and can be shown.
+    pub(super) fn used(&self) -> Range<usize> {
+        self.cut.used.start..self.shown.len()
     }
 
     /// Returns the columns and rows of the first frame, which all others share.
@@ -281,7 +291,7 @@ impl H264 {
     fn to_rgb(&self, picture: &DecodedYUV<'_>, index: usize) -> Result<RgbImage> {
         let (width, height) = picture.dimensions();
         if (width, height) != self.size() {
-            return Err(other_size(self.file.path(), index, (width, height), self.size()));
+            return Err(other_size(self.file.path(), self.number(index), (width, height), self.size()));
         }
         let mut frame = RgbImage::new(width as u32, height as u32);
         picture.write_rgb8(frame.as_mut());
@@ -304,7 +314,13 @@ impl H264 {
         Error::io("read the video", self.file.path(), e)
     }
 
+    /// Returns the number of a frame as the user knows it.
+    fn number(&self, frame: usize) -> usize {
+        frame.saturating_sub(self.cut.used.start)
+    }
+
     fn damaged(&self, frame: usize, why: &str) -> Error {
+        let frame = self.number(frame);
         Error::input_at(self.file.path(), format!("frame {frame} of the video cannot be decoded: {why}"), "")
     }
 }

@@ -28,6 +28,7 @@ mod decided;
 mod decoding;
 mod depth;
 mod dicom;
+mod edit_list;
 mod estimated;
 mod ffmpeg;
 mod field_of_view;

@@ -1,10 +1,11 @@
 //! Reads the tables of an mp4 file, plain or in fragments: the places of the coded pictures of its video
-//! track. Tells if the file is long enough to hold them all.
+//! track, and which of them are used. Tells if the file is long enough to hold them all.
 
+use super::edit_list::{Cut, EditList};
 use crate::reading::{Pieces, PiecesReader};
 use shiguredo_mp4::{
     BoxType, Decode, TrackKind,
-    boxes::{AvccBox, MoovBox, SampleEntry, TkhdBox, UnknownBox},
+    boxes::{AvccBox, MoovBox, SampleEntry, TrakBox, UnknownBox},
     demux::{
         DemuxError, Fmp4FileDemuxer, Input, Mp4FileDemuxer, Mp4FileKind, Mp4FileKindDetector, RequiredInput,
         Sample, TrackInfo,
@@ -13,6 +14,7 @@ use shiguredo_mp4::{
 use std::{
     collections::BTreeMap,
     io::{Read, Seek, SeekFrom},
+    ops::Range,
 };
 
 /// Largest number of pictures: two days of video.
@@ -32,6 +34,10 @@ pub(super) struct Mp4 {
     pub is_turned: bool,
     /// All pictures that the tables name, in decoding order, at least one.
     pub pictures: Vec<CodedPicture>,
+    /// The frames that are used.
+    pub cut: Cut,
+    /// Time for which all pictures together are shown, in ticks; 0 if they have no times.
+    pub lasts: i64,
     /// Number of pictures, counted from the first, that are in the file.
     pub present: usize,
     /// Total size of all pictures.
@@ -82,16 +88,19 @@ impl Mp4 {
         let file = file.open().map_err(|e| e.to_string())?;
         let mut source = BoundedFile { file, len, last: None, repeats: 0 };
         let kind = source.kind()?;
-        let turned = source.turned_tracks().unwrap_or_default();
+        let showing = source.showing().unwrap_or_default();
         match kind {
-            Mp4FileKind::Mp4 => Self::collect(Mp4FileDemuxer::new(), &mut source, &turned),
-            Mp4FileKind::FragmentedMp4 => Self::collect(Fmp4FileDemuxer::new(), &mut source, &turned),
+            Mp4FileKind::Mp4 => Self::collect(Mp4FileDemuxer::new(), &mut source, &showing),
+            Mp4FileKind::FragmentedMp4 => Self::collect(Fmp4FileDemuxer::new(), &mut source, &showing),
         }
     }
 
-    /// Collects the pictures of all video tracks and returns the chosen track. `turned` are the tracks
-    /// whose pictures are not shown as they are stored.
-    fn collect(mut demuxer: impl Demuxer, source: &mut BoundedFile, turned: &[u32]) -> Result<Self, String> {
+    /// Collects the pictures of all video tracks and returns the chosen track, which is shown as `showing` says.
+    fn collect(
+        mut demuxer: impl Demuxer,
+        source: &mut BoundedFile,
+        showing: &BTreeMap<u32, Showing>,
+    ) -> Result<Self, String> {
         let mut tracks: BTreeMap<u32, Self> = BTreeMap::new();
         let mut is_open_ended = false;
         loop {
@@ -118,31 +127,31 @@ impl Mp4 {
             };
             if sample.track.kind == TrackKind::Video {
                 let (id, timescale) = (sample.track.track_id, sample.track.timescale.get());
-                let is_turned = turned.contains(&id);
-                let track = tracks.entry(id).or_insert_with(|| Self::empty(timescale, is_turned));
+                let track = tracks.entry(id).or_insert_with(|| Self::empty(timescale));
                 track.push(&sample, source)?;
             }
         }
         let num_tracks = tracks.len();
-        let h264 = tracks.values().position(|track| !track.descriptions.is_empty());
+        let h264 = tracks.iter().find(|(_, track)| !track.descriptions.is_empty()).map(|(id, _)| *id);
         let first = demuxer.tracks().ok().and_then(|t| t.iter().find(|t| t.kind == TrackKind::Video));
-        let chosen = match (h264, first.map(|track| track.track_id)) {
-            (Some(i), _) => tracks.into_values().nth(i),
-            (None, Some(id)) => tracks.remove(&id),
-            (None, None) => None,
+        let id = h264.or(first.map(|track| track.track_id)).unwrap_or_default();
+        let track = tracks.remove(&id).ok_or("there is no video in it")?;
+        let Some(Showing { is_turned, edits }) = showing.get(&id) else {
+            return Ok(Self { is_open_ended, num_tracks, cut: Cut::nothing(track.pictures.len()), ..track });
         };
-        chosen
-            .map(|track| Self { is_open_ended, num_tracks, ..track })
-            .ok_or_else(|| "there is no video in it".to_owned())
+        let cut = edits.cut(&track.times_in_order(), track.lasts);
+        Ok(Self { is_open_ended, num_tracks, is_turned: *is_turned, cut, ..track })
     }
 
-    fn empty(timescale: u32, is_turned: bool) -> Self {
+    fn empty(timescale: u32) -> Self {
         let (descriptions, pictures) = (Vec::new(), Vec::new());
         Self {
             descriptions,
             timescale,
-            is_turned,
+            is_turned: false,
             pictures,
+            cut: Cut::nothing(0),
+            lasts: 0,
             present: 0,
             bytes: 0,
             is_open_ended: false,
@@ -169,6 +178,7 @@ impl Mp4 {
             return Err("its pictures lie over each other".to_owned());
         }
         let decoded_at = i64::try_from(sample.timestamp).map_err(|_| "its times are damaged")?;
+        self.lasts = self.lasts.saturating_add(i64::from(sample.duration));
         let end = sample.data_offset.checked_add(sample.data_size as u64);
         if self.present == at && end.is_some_and(|end| end <= source.len) {
             self.present += 1;
@@ -189,6 +199,11 @@ impl Mp4 {
         by_time
     }
 
+    /// Returns the times of all frames, in ticks.
+    fn times_in_order(&self) -> Vec<i64> {
+        self.in_order_of_showing().into_iter().map(|i| self.pictures[i].shown_at).collect()
+    }
+
     /// Returns the position of every picture in the order of showing.
     pub(super) fn frame_of(&self) -> Vec<usize> {
         let by_time = self.in_order_of_showing();
@@ -197,15 +212,17 @@ impl Mp4 {
         frame_of
     }
 
-    /// Returns the number of frames, counted from the first shown, that are in the file.
+    /// Returns the number of used frames, counted from the first, that are in the file.
     pub(super) fn frames_there(&self) -> usize {
-        self.frame_of().into_iter().skip(self.present).min().unwrap_or(self.pictures.len())
+        let Range { start, end } = self.cut.used;
+        let there = self.frame_of().into_iter().skip(self.present).min().unwrap_or(self.pictures.len());
+        there.clamp(start, end) - start
     }
 
     /// Describes the missing part of the file in words; `None` if it is complete.
     pub(super) fn cut_off(&self) -> Option<String> {
-        let (there, all) = (self.frames_there(), self.pictures.len());
-        if self.present < all {
+        let (there, all) = (self.frames_there(), self.cut.used.len());
+        if there < all {
             Some(format!("it lists {all} frames and holds {there} of them"))
         } else if self.is_open_ended {
             Some(format!("it ends in the middle of a part, after {there} frames"))
@@ -241,6 +258,20 @@ fn pixel_aspect(inner: &UnknownBox) -> Option<f32> {
     let [width, height] = sides.first_chunk::<2>()?.map(u32::from_be_bytes);
     let is_usable = inner.box_type == BoxType::Normal(*b"pasp") && width > 0 && height > 0;
     is_usable.then(|| width as f32 / height as f32)
+}
+
+/// Facts about how the pictures of a track are shown.
+struct Showing {
+    /// `true` if they are shown turned or mirrored: the matrix says so (ISO/IEC 14496-12, 8.3.2).
+    is_turned: bool,
+    edits: EditList,
+}
+
+impl Showing {
+    fn of(track: &TrakBox, movie: &MoovBox) -> Self {
+        let [a, b, _, c, d, ..] = track.tkhd_box.matrix;
+        Self { is_turned: (b, c) != (0, 0) || a < 0 || d < 0, edits: EditList::of(track, movie) }
+    }
 }
 
 /// The common part of the demuxers of both kinds of file.
@@ -291,8 +322,8 @@ impl BoundedFile {
         }
     }
 
-    /// Returns the tracks whose matrix turns or mirrors their pictures (ISO/IEC 14496-12, 8.3.2).
-    fn turned_tracks(&mut self) -> Option<Vec<u32>> {
+    /// Returns how each track is shown.
+    fn showing(&mut self) -> Option<BTreeMap<u32, Showing>> {
         const HEAD: u64 = 16;
         let mut at = 0;
         loop {
@@ -305,12 +336,8 @@ impl BoundedFile {
             };
             if head.get(4..8)? == b"moov" {
                 let (moov, _) = MoovBox::decode(&self.bytes(at, size)?).ok()?;
-                let turns = |tkhd: &TkhdBox| {
-                    let [a, b, _, c, d, ..] = tkhd.matrix;
-                    (b, c) != (0, 0) || a < 0 || d < 0
-                };
-                let turned = moov.trak_boxes.iter().map(|track| &track.tkhd_box).filter(|tkhd| turns(tkhd));
-                return Some(turned.map(|tkhd| tkhd.track_id).collect());
+                let track = |track: &TrakBox| (track.tkhd_box.track_id, Showing::of(track, &moov));
+                return Some(moov.trak_boxes.iter().map(track).collect());
             }
             at = at.checked_add(size.max(8)).filter(|at| *at < self.len)?;
         }

@@ -1,7 +1,8 @@
 //! Changes of the shot, and runs of frames that show no tissue, from a glance at every frame.
 
 use super::pace::{self, Glance};
-use image::RgbImage;
+use crate::grid::Mask;
+use image::{Rgb, RgbImage};
 use std::ops::Range;
 
 /// Difference of neighbouring frames, in 8-bit levels, from which on it may be a cut.
@@ -66,13 +67,28 @@ fn shows_tissue(picture: &RgbImage) -> bool {
     // Every seventh pixel is enough, and is in every column.
     for pixel in picture.pixels().step_by(7) {
         all += 1;
-        if pixel.0.iter().any(|v| *v > DARK) {
+        if is_lit(pixel) {
             count += 1;
             sums.iter_mut().zip(pixel.0).for_each(|(sum, v)| *sum += u64::from(v));
         }
     }
-    let is_seen = count as f32 >= FEWEST * all.max(1) as f32;
-    is_seen && sums[0] as f32 >= LEAST_RED * sums.iter().sum::<u64>() as f32
+    is_seen(count, all) && sums[0] as f32 >= LEAST_RED * sums.iter().sum::<u64>() as f32
+}
+
+/// Returns `true` if a picture shows something where `kept`, which is of its size, is `true`.
+pub(crate) fn shows_something(picture: &RgbImage, kept: &Mask) -> bool {
+    let lit = picture.pixels().zip(&kept.data).filter(|(pixel, is_kept)| **is_kept && is_lit(pixel));
+    is_seen(lit.count(), kept.count())
+}
+
+/// Returns `true` if the colour of a pixel counts.
+fn is_lit(pixel: &Rgb<u8>) -> bool {
+    pixel.0.iter().any(|v| *v > DARK)
+}
+
+/// Returns `true` if `lit` of `all` pixels are enough to see something.
+fn is_seen(lit: usize, all: usize) -> bool {
+    lit as f32 >= FEWEST * all.max(1) as f32
 }
 
 /// Returns the first frames of new shots: they differ far more from the frame before than frames around them
@@ -140,7 +156,7 @@ pub(super) fn without_tissue(shots: &[Shot]) -> Vec<(usize, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::Rgb;
+    use crate::grid::Grid;
 
     fn shots(differences: &[f32]) -> Vec<Shot> {
         let shot = |d: &f32| Shot { difference: Some(*d), is_tissue: true };
@@ -193,5 +209,16 @@ mod tests {
         let run = |is_tissue, n| vec![Shot { difference: None, is_tissue }; n];
         let all = [run(true, 3), run(false, 6), run(true, 9), run(false, 2)].concat();
         assert_eq!(without_tissue(&all), [(3, 8)], "two frames are no part");
+    }
+
+    #[test]
+    fn what_is_dark_or_not_kept_shows_nothing() {
+        // One column of 40 is lit.
+        let picture = |lit| RgbImage::from_fn(40, 30, |x, _| Rgb([if x == 7 { lit } else { 3 }; 3]));
+        let all = Grid::filled(40, 30, true);
+        assert!(shows_something(&picture(90), &all) && !shows_something(&picture(30), &all));
+        let others = Grid::from_vec(40, 30, (0..1200).map(|i| i % 40 != 7).collect());
+        assert!(!shows_something(&picture(90), &others));
+        assert!(!shows_something(&picture(90), &Grid::filled(40, 30, false)));
     }
 }

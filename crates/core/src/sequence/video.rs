@@ -1,6 +1,6 @@
 //! Video files. H.264 in an mp4 container is decoded here, frame by frame on request. All other videos are
 //! decoded by an installed `ffmpeg` program. A video that ends before its last frame is refused by either
-//! decoder.
+//! decoder, and both leave out what an edit list hides.
 
 use super::{
     decoding::Decoding,
@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use std::{
     fs::File,
     io::Read,
+    ops::Range,
     path::{Path, PathBuf},
     sync::{Arc, Mutex},
 };
@@ -72,14 +73,18 @@ fn open_part(path: &Path, selection: &Selection, decoders: Decoders) -> Result<R
     }
     // ffmpeg may choose another one of several tracks.
     let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
-    let promised = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.pictures.len());
+    let cut = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.cut.clone());
     match index.and_then(|mp4| H264::open(&file, mp4, decoders.h264)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
             let (path, input) = (path.to_owned(), path.to_owned());
             let program = PathBuf::from(ffmpeg::PROGRAM);
+            // By itself ffmpeg leaves out what an edit list hides, if no number of frames is promised.
+            let promised = cut.as_ref().filter(|cut| cut.is_whole()).map(|cut| cut.used.len());
             let video = Unread { program, path, input, form: None, kind, promised, why_not_here };
-            ffmpeg::open(video, selection, decoders.ffmpeg)
+            let mut recording = ffmpeg::open(video, selection, decoders.ffmpeg)?;
+            recording.notes.extend(cut.and_then(|cut| cut.note(selection)));
+            Ok(recording)
         }
     }
 }
@@ -96,19 +101,24 @@ pub(super) fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Res
 pub(super) fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
     let size = video.size();
     let frames_per_second = video.frames_per_second;
-    let indices = selection.indices(video.shown.len()).map_err(|what| Error::input_at(path, what, ""))?;
+    let Range { start, end } = video.used();
+    let numbers = selection.indices(end - start).map_err(|what| Error::input_at(path, what, ""))?;
     let changed = video.descriptions.iter().find(|d| (d.width, d.height) != size);
-    if let Some(d) = changed.filter(|d| indices.last().is_some_and(|last| *last >= d.from)) {
-        return Err(other_size(path, d.from, (d.width, d.height), size));
+    if let Some(d) = changed.filter(|d| numbers.last().is_some_and(|last| start + last >= d.from)) {
+        return Err(other_size(path, d.from.saturating_sub(start), (d.width, d.height), size));
     }
-    let seconds = indices.iter().map(|&i| video.seconds(i)).collect();
+    let seconds = numbers.iter().map(|number| video.seconds(start + number)).collect();
     let pixel_aspect = video.descriptions[0].pixel_aspect;
+    let note = video.cut.note(selection);
     let video = Arc::new(video);
-    let frame =
-        |index| FrameFiles::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
-    let mut recording = Recording::new(path, size, indices.into_iter().map(frame).collect());
+    let frame = |number: usize| {
+        let picture = Picture::Video { video: Arc::clone(&video), index: start + number };
+        FrameFiles::new(format!("{number:06}"), picture)
+    };
+    let mut recording = Recording::new(path, size, numbers.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
     recording.seconds = seconds;
+    recording.notes.extend(note);
     recording.shape_pixels(pixel_aspect);
     Ok(recording)
 }

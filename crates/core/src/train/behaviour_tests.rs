@@ -334,6 +334,26 @@ fn depth_nearer_than_the_near_plane_is_refused() {
 }
 
 #[test]
+fn black_frames_in_the_middle_leave_the_others_to_be_learned() {
+    let folder = tempfile::tempdir().unwrap();
+    demo::write(&demo_settings(8), folder.path(), &mut unobserved).unwrap();
+    for i in [3, 4] {
+        let path = folder.path().join(format!("images/frame_{i:06}.png"));
+        image::RgbImage::new(64, 48).save(path).unwrap();
+    }
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let mut trainer = Trainer::new(&sequence, None, short(60)).unwrap();
+    run(&mut trainer, 60);
+    let mean = |picture: image::RgbImage| {
+        picture.as_raw().iter().map(|v| f64::from(*v)).sum::<f64>() / picture.as_raw().len() as f64
+    };
+    for i in [0, 7] {
+        let (shown, truth) = (mean(trainer.render(i).unwrap().to_rgb()), mean(sequence.frame(i).unwrap()));
+        assert!(shown > 0.4 * truth, "frame {i} has the mean level {shown} instead of {truth}");
+    }
+}
+
+#[test]
 fn changing_light_is_followed_where_colour_may_change() {
     let folder = tempfile::tempdir().unwrap();
     demo::write(&demo_settings(9), folder.path(), &mut unobserved).unwrap();

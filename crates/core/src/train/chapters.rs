@@ -4,7 +4,7 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::{TrainSettings, state::seed_frames};
+use super::{TrainSettings, seeds::seed_frames};
 use crate::{
     Error, Result,
     num::spread,

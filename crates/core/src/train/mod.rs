@@ -20,6 +20,7 @@ mod quality;
 mod random;
 mod refit;
 mod seams;
+mod seeds;
 mod settings;
 mod state;
 

@@ -4,11 +4,11 @@ use super::{
     chapters::no_frames_left,
     model::Model,
     poses::LearnedPoses,
+    seeds,
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
     Error, Remedy, Result,
-    camera::Camera,
     deform::{Deformation, SCALE_CHANNEL, stride_for},
     gaussian::{
         Gaussians,
@@ -26,8 +26,6 @@ use rand_chacha::ChaCha8Rng;
 
 /// Depth of the start surface if a recording has no depth, in arbitrary units.
 const DEFAULT_DEPTH: f32 = 100.0;
-/// Number of frames that the first Gaussians are taken from.
-const SEED_FRAMES: usize = 8;
 
 /// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -189,11 +187,6 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     picked
 }
 
-/// Chooses those of `frames` that Gaussians begin with.
-pub(super) fn seed_frames(frames: &[usize]) -> Vec<usize> {
-    spread(frames, SEED_FRAMES)
-}
-
 /// Estimates the path of a camera that is not known, or points that a known one sees; it has no poses if the
 /// camera is known or stands still.
 fn path(
@@ -228,17 +221,7 @@ fn initial_gaussians(
     latent_dim: usize,
     settings: &TrainSettings,
 ) -> Result<(Gaussians, f32)> {
-    let mut seeds = Vec::new();
-    for i in seed_frames(frames) {
-        let recorded = sequence.camera(i);
-        let pose = path.pose_to_tissue(i, recorded.camera_from_world);
-        let camera = Camera { camera_from_world: pose, ..recorded };
-        let depth = match sequence.depth(i)? {
-            Some(depth) => Some(depth),
-            None => path.depth(&camera, i),
-        };
-        seeds.push(init::SeedFrame { camera, colour: sequence.frame(i)?, mask: sequence.mask(i)?, depth });
-    }
+    let seeds = seeds::read(sequence, path, frames)?;
     let mut known: Vec<f32> = seeds
         .iter()
         .filter_map(|s| s.depth.as_ref())

@@ -13,6 +13,7 @@ use crate::{
     reading::Pieces,
     sequence::{
         annex_b,
+        edit_list::Cut,
         ffmpeg::{self, Container, Unread, scratch_folder},
         h264::{self, H264},
         mp4::Mp4,
@@ -124,12 +125,15 @@ fn stream(path: &Path, object: &Object, decoder: &Decoder, selection: &Selection
         Decoder::Unpacked(form) => Some(*form),
         _ => None,
     };
-    let promised = Some(object.num_frames);
     let kind = if is_mp4(&file) { Container::Mp4 } else { Container::Other };
+    let index = if kind == Container::Mp4 { Mp4::read(&file).ok() } else { None };
+    let cut = index.map(|mp4| mp4.cut);
+    let promised = cut.as_ref().is_none_or(Cut::is_whole).then_some(object.num_frames);
     let (program, path_of_object) = (PathBuf::from(ffmpeg::PROGRAM), object.path.clone());
     let video = Unread { program, path: path_of_object, input, form, kind, promised, why_not_here };
     let mut recording = ffmpeg::open(video, selection, ffmpeg::Shared::default())?;
     recording.scratch.push(scratch);
+    recording.notes.extend(cut.and_then(|cut| cut.note(selection)));
     if (recording.width, recording.height) != object.size {
         let (width, height) = object.size;
         let what = format!("they are {}×{} instead of {width}×{height}", recording.width, recording.height);
@@ -148,7 +152,7 @@ fn h264(object: &Object, file: &Pieces, selection: &Selection) -> Result<Result<
         return Err("its container is neither mp4 nor a bare stream".to_owned());
     };
     let there = mp4.frames_there();
-    let promised = object.num_frames;
+    let promised = if mp4.cut.is_whole() { object.num_frames } else { there };
     if let Err(e) = video::expect_whole(&object.path, &mp4, selection) {
         return Ok(Err(e));
     }

@@ -18,8 +18,8 @@ impl Unread {
     pub(super) fn reading(&self, from: Option<f64>) -> Command {
         let mut command = Command::new(&self.program);
         command.args(["-hide_banner", "-nostats", "-nostdin", "-loglevel", "level+info"]);
-        if self.kind == Container::Mp4 {
-            // Reads all frames of the index, as the decoder of this library does.
+        if self.kind == Container::Mp4 && self.promised.is_some() {
+            // All frames of the index are promised, those among them that an edit list hides.
             command.args(["-ignore_editlist", "1"]);
         }
         if let Some(form) = self.form {

@@ -13,6 +13,8 @@ use std::process::Stdio;
 const COMPARED: usize = 32;
 /// Bit of a packet's flags that says that decoding may start there.
 const KEY: u32 = 1;
+/// Bit of a packet's flags that says that its frame is not shown: an edit list hides it.
+const HIDDEN: u32 = 4;
 
 /// Times of all frames, in the order of showing.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +61,7 @@ impl Listing {
             let flags = rest.iter().find_map(|field| field.strip_prefix("F=0x"));
             let flags = flags.map_or(Some(KEY), |flags| u32::from_str_radix(flags, 16).ok())?;
             // An empty packet shows the frame before once more: no frame comes out.
-            if *size != "0" {
+            if *size != "0" && flags & HIDDEN == 0 {
                 packets.push((pts.parse::<i64>().ok()?, flags & KEY != 0));
             }
         }

@@ -100,6 +100,36 @@ fn selected_frames_are_decoded_too() {
 }
 
 #[test]
+fn what_an_edit_list_hides_does_not_come() {
+    if !is_ffmpeg_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, cut] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
+    assert!(make(&whole, "-c:v mpeg4 -g 40"));
+    let mut command = Command::new(PROGRAM);
+    command.args(["-loglevel", "error", "-nostdin", "-y", "-ss", "1", "-i"]).arg(&whole);
+    assert!(command.args(["-c", "copy"]).arg(&cut).status().unwrap().success());
+    // The last of the three seconds is hidden, too: the movie and the list last for two, in milliseconds.
+    let mut bytes = std::fs::read(&cut).unwrap();
+    for (kind, lasts) in [(b"mvhd", 20), (b"elst", 12)] {
+        let at = bytes.windows(4).position(|word| word == kind).unwrap() + lasts;
+        assert_eq!(bytes[at..at + 4], 3000_u32.to_be_bytes());
+        bytes[at..at + 4].copy_from_slice(&2000_u32.to_be_bytes());
+    }
+    std::fs::write(&cut, bytes).unwrap();
+    let whole = opened(&whole, true, &Selection::ALL);
+    let [unpacked, stream] = [true, false].map(|is_unpacked| opened(&cut, is_unpacked, &Selection::ALL));
+    let usual = crate::sequence::video::open(&cut, &Selection::ALL).unwrap();
+    for part in [&unpacked, &stream, &usual] {
+        assert_eq!((part.frames.len(), part.frames[0].name.as_str()), (50, "000000"));
+        assert!([49, 0, 20].iter().all(|i| part.frame(*i).unwrap() == whole.frame(25 + i).unwrap()));
+    }
+    let notes = usual.notes.join(" ");
+    assert!(notes.contains("hides the first 25 frames and the last 25 frames"), "{notes}");
+}
+
+#[test]
 fn a_video_that_is_cut_off_is_refused_unless_what_is_there_is_asked_for() {
     if !is_ffmpeg_there() {
         return;

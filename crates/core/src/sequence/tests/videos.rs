@@ -7,6 +7,10 @@ use openh264::{
     encoder::{BitRate, Encoder, EncoderConfig, FrameType, IntraFramePeriod, RateControlMode},
     formats::{RgbSliceU8, YUVBuffer},
 };
+use shiguredo_mp4::{
+    Decode, Encode, FixedPointNumber,
+    boxes::{EdtsBox, ElstBox, ElstEntry, MoovBox},
+};
 
 const SIZE: (usize, usize) = (64, 48);
 const FRAMES: usize = 25;
@@ -39,6 +43,29 @@ pub(super) fn write_video(path: &Path) {
         muxer.write_video(i as f64 / 10.0, &stream.to_vec(), key).unwrap();
     }
     muxer.finish().unwrap();
+}
+
+/// Gives the track of a file an edit list of parts that begin at a time, or show nothing if that is negative,
+/// and last for some time, seconds.
+fn add_edit_list(path: &Path, parts: &[(f64, f64)]) {
+    let mut bytes = std::fs::read(path).unwrap();
+    let kind = bytes.windows(4).position(|word| word == b"moov").unwrap();
+    let (mut movie, _) = MoovBox::decode(&bytes[kind - 4..]).unwrap();
+    let ticks = |seconds: f64, clock: u32| (seconds * f64::from(clock)).round();
+    let movie_clock = movie.mvhd_box.timescale.get();
+    let track = &mut movie.trak_boxes[0];
+    let clock = track.mdia_box.mdhd_box.timescale.get();
+    let entry = |&(from, lasts): &(f64, f64)| ElstEntry {
+        edit_duration: ticks(lasts, movie_clock) as u64,
+        media_time: if from < 0.0 { -1 } else { ticks(from, clock) as i64 },
+        media_rate: FixedPointNumber::new(1, 0),
+    };
+    let list = ElstBox { entries: parts.iter().map(entry).collect() };
+    track.edts_box = Some(EdtsBox { elst_box: Some(list), unknown_boxes: Vec::new() });
+    // The pictures stay where they are.
+    bytes[kind..kind + 4].copy_from_slice(b"free");
+    bytes.extend(movie.encode_to_vec().unwrap());
+    std::fs::write(path, bytes).unwrap();
 }
 
 pub(super) fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
@@ -117,6 +144,47 @@ fn a_video_that_is_cut_off_is_refused_unless_what_is_there_is_asked_for() {
         assert_eq!(part.frame(i).unwrap(), forward[i], "frame {i}");
     }
     assert!(message(choose(there)).contains("cut off"));
+}
+
+#[test]
+fn what_an_edit_list_hides_is_no_part_of_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let bytes = std::fs::read(&path).unwrap();
+    let plain = Sequence::open(&path).unwrap();
+    let identity = plain.identity().unwrap();
+    let frames: Vec<_> = (0..FRAMES).map(|i| plain.frame(i).unwrap()).collect();
+    let opened = |parts: &[(f64, f64)]| {
+        std::fs::write(&path, &bytes).unwrap();
+        add_edit_list(&path, parts);
+        Sequence::open(&path).unwrap()
+    };
+    let notes = |sequence: &Sequence| check(sequence, &mut unobserved).unwrap().warnings.join(" ");
+    let cut = opened(&[(0.7, 1.3)]);
+    assert_eq!((cut.num_frames(), cut.frame_name(0)), (13, "000000".to_owned()));
+    for i in [12, 0, 5] {
+        assert_eq!(cut.frame(i).unwrap(), frames[7 + i], "frame {i}");
+    }
+    let said = notes(&cut);
+    assert!(said.contains("hides the first 7 frames and the last 5 frames: they are left out"), "{said}");
+    let settings = folder.path().join("clip.mp4.toml");
+    std::fs::write(&settings, "[frames]\nfirst = 2\nlast = 4\n").unwrap();
+    let part = Sequence::open(&path).unwrap();
+    assert_eq!((part.num_frames(), part.frame_name(0)), (3, "000002".to_owned()));
+    assert_eq!(part.frame(0).unwrap(), frames[9]);
+    std::fs::remove_file(&settings).unwrap();
+    // A list that delays all frames changes nothing.
+    let late = opened(&[(-1.0, 3.0), (0.0, 2.5)]);
+    assert_eq!(late.identity().unwrap().digest(), identity.digest());
+    assert!(!notes(&late).contains("edit list") && !notes(&plain).contains("edit list"));
+    // One of several parts is not followed, which is said as long as it matters.
+    let several = opened(&[(0.0, 0.5), (1.0, 1.5)]);
+    assert_eq!(several.num_frames(), FRAMES);
+    let said = notes(&several);
+    assert!(said.contains("Players do not show frames 5 to 9: an edit list"), "{said}");
+    std::fs::write(&settings, "[frames]\nfirst = 10\n").unwrap();
+    assert!(!notes(&Sequence::open(&path).unwrap()).contains("edit list"));
 }
 
 #[test]
