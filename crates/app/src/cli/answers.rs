@@ -35,6 +35,9 @@ pub(super) struct PromptAnswers {
     /// `true` if only what is marked by hand can be looked for, and the words mean none of it.
     #[serde(default)]
     pub(super) needs_mark: bool,
+    /// `true` if the words are not understood, so that nobody knows if what they mean is there.
+    #[serde(default)]
+    pub(super) not_understood: bool,
     pub(super) frames: Vec<FrameAnswer>,
     /// Gaussians that the prompt found, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -106,7 +109,7 @@ impl PromptAnswers {
             }
             _ if total == 0 => "no chapter of the scene shows these frames".into(),
             _ if self.certainty > 0.5 => format!("on none of {total} frames ({why})"),
-            _ => format!("{} ({why})", absence(self.needs_mark)),
+            _ => format!("{} ({why})", absence(self.needs_mark, self.not_understood)),
         }
     }
 }
@@ -124,6 +127,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
         certainty: answer.certainty,
         why: answer.why.clone(),
         needs_mark: answer.needs_mark,
+        not_understood: answer.not_understood,
         frames: Vec::with_capacity(frames.len()),
         gaussians: None,
     };
@@ -222,5 +226,22 @@ mod tests {
         let beyond = ask(&mut engine, &questions, &[2, 3]).unwrap();
         assert_eq!(beyond.prompts[0].answer, Verdict::NotShown);
         assert_eq!(beyond.prompts[1].why_not_found(), "no chapter of the scene shows these frames");
+    }
+
+    #[test]
+    fn words_that_are_not_understood_are_reported_as_such() {
+        let mut engine = unfinished_engine();
+        let negatives = Negatives::of(engine.settings());
+        let questions = ["spleen", "Leber"].map(|words| Question::words(words, negatives.clone()));
+        let answers = ask(&mut engine, &questions, &[0]).unwrap();
+        let [spleen, unknown] = &answers.prompts[..] else { panic!("two prompts") };
+        assert_eq!((spleen.answer, unknown.answer), (Verdict::Absent, Verdict::Absent));
+        assert_eq!(spleen.why_not_found(), "not in this recording (means spleen)");
+        let told = unknown.why_not_found();
+        assert!(told.starts_with("these words are not known here: try another"), "{told}");
+        assert!(told.contains("or mark it by hand (it is in no list"), "{told}");
+        let json = serde_json::to_value(&answers).unwrap();
+        assert_eq!([0, 1].map(|k| json["prompts"][k]["not_understood"] == true), [false, true]);
+        assert_eq!(json["prompts"][1]["answer"], "absent");
     }
 }

@@ -189,7 +189,7 @@ impl MarkArgs {
 #[derive(Debug, Args)]
 pub(super) struct PromptArgs {
     /// Words to look for; may be given several times
-    #[arg(long, visible_alias = "prompts", value_name = "TEXT", required = true, num_args = 1..)]
+    #[arg(long, visible_alias = "prompts", value_name = "TEXT", required = true, num_args = 1.., value_parser = words)]
     prompt: Vec<String>,
     /// Words that one prompt is not, such as "liver=fat, bile": it alone is compared with these words as well
     #[arg(long, value_name = "PROMPT=TEXT,…", value_parser = but_not)]
@@ -292,14 +292,15 @@ pub(super) fn frame_range(text: &str) -> Result<FrameRange, String> {
     let number = |t: &str, empty: usize| {
         if t.is_empty() { Ok(empty) } else { t.parse().map_err(|_| format!("\"{t}\" is not a frame number")) }
     };
-    match text.split_once("..") {
-        Some((start, end)) => Ok(FrameRange { start: number(start, 0)?, end: number(end, usize::MAX)? }),
+    let range = match text.split_once("..") {
+        Some((start, end)) => FrameRange { start: number(start, 0)?, end: number(end, usize::MAX)? },
         None => {
             let start: usize =
                 text.parse().map_err(|_| "give a frame such as 12, or a range such as 10..20")?;
-            Ok(FrameRange { start, end: start.saturating_add(1) })
+            FrameRange { start, end: start.saturating_add(1) }
         }
-    }
+    };
+    if range.start < range.end { Ok(range) } else { Err("no frame is in it: its end is not included".into()) }
 }
 
 fn but_not(text: &str) -> Result<(String, Vec<String>), String> {
@@ -351,6 +352,10 @@ mod tests {
         assert_eq!(frames("..99").unwrap().len(), 5);
         assert!(frames("5..9").unwrap_err().contains("counted from 0"));
         assert!(frame_range("a..b").is_err() && frame_range("").is_err() && frame_range("-1").is_err());
+        for empty in ["5..3", "4..4", "..0"] {
+            assert!(frame_range(empty).unwrap_err().contains("no frame is in it"), "{empty}");
+        }
+        assert_eq!(frames("..").unwrap().len(), 5);
     }
 
     #[test]
@@ -385,6 +390,14 @@ mod tests {
     fn prompts_may_be_given_together_or_apart() {
         let line = Line::parse_from(["query", "--prompt", "liver", "fat", "--prompt", "bile sac"]);
         assert_eq!(line.prompts.prompt, ["liver", "fat", "bile sac"]);
+    }
+
+    #[test]
+    fn prompts_without_words_are_refused() {
+        for line in [&["--prompt", ""][..], &["--prompt="], &["--prompt", "liver", "  "]] {
+            let refused = Line::try_parse_from([&["query"][..], line].concat()).err().unwrap().to_string();
+            assert!(refused.contains("give a few words"), "{line:?}: {refused}");
+        }
     }
 
     #[test]

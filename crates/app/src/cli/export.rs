@@ -16,7 +16,7 @@ use clap::{
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportOptions, ExportSummary, Format, PictureSource, SegType, num_files},
+    export::{ExportOptions, ExportSummary, Format, PictureSource, SegType, VideoFault, num_files},
     mask::{CleanUp, MAX_SMOOTH},
     overlay::{OverlayLook, OverlayStyle},
     palette::Palette,
@@ -227,6 +227,7 @@ impl Run for ExportArgs {
 /// the user. The returned engine still has the prompts.
 pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine, ExportSummary)> {
     let mut engine = args.scene.open(&args.relevancy, args.sequence.clone())?;
+    let options = args.options(&engine)?;
     args.marks.give_to(&mut engine)?;
     let questions = args.prompts.questions(engine.settings())?;
     let request = ExportRequest {
@@ -235,7 +236,7 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
         frames: args.frames.of(engine.scene().num_frames())?,
         questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
         marks: Vec::new(),
-        options: args.options(&engine)?,
+        options,
         replace: args.force,
         completes_same,
     };
@@ -258,9 +259,11 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
 }
 
 impl ExportArgs {
+    /// Returns the options for what an engine shows; fails if a video cannot be written with them.
     fn options(&self, engine: &Engine) -> Result<ExportOptions> {
-        let view = engine.view(0)?;
-        Ok(ExportOptions {
+        let camera = engine.view(0)?.camera;
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let options = ExportOptions {
             formats: self.format.clone(),
             source: self.source.into(),
             exclusive: self.exclusive,
@@ -277,20 +280,42 @@ impl ExportArgs {
             },
             nearest: self.nearest,
             seg_type: self.seg_type,
-            clean_up: self.clean_up.clean_up(view.camera.width as usize, view.camera.height as usize),
-        })
+            clean_up: self.clean_up.clean_up(width, height),
+        };
+        let Some(fault) = VideoFault::of(&options, (width, height)) else { return Ok(options) };
+        let hint = match fault.fitting {
+            Some(columns) => format!("Give `--width {columns}`."),
+            None => "Leave the format `video` out.".into(),
+        };
+        Err(Error::input(fault.to_string(), hint))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::asking_tests::unfinished_engine;
     use clap::Parser;
 
     #[derive(Parser)]
     struct Line {
         #[command(flatten)]
         args: ExportArgs,
+    }
+
+    #[test]
+    fn a_video_that_would_be_too_large_is_refused_with_the_width_that_fits() {
+        let engine = unfinished_engine();
+        let options = |width: &str, format: &str| {
+            let line = ["export", "s", "--prompt", "liver", "-o", "out"];
+            let more = ["--width", width, "--format", format];
+            Line::parse_from(line.iter().chain(&more)).args.options(&engine).map_err(|e| e.to_string())
+        };
+        let error = options("7680", "csv,video").unwrap_err();
+        assert!(error.contains("a video has at most 3840×2160 pixels"), "{error}");
+        assert!(error.contains("Give `--width 2880`."), "{error}");
+        assert_eq!(options("2880", "csv,video").unwrap().width_px, Some(2880));
+        options("7680", "csv,overlay").unwrap();
     }
 
     #[test]

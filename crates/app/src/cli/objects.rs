@@ -130,6 +130,7 @@ mod tests {
         };
         let prompt = PromptAnswers {
             needs_mark: false,
+            not_understood: false,
             text: "liver".into(),
             answer: Verdict::Found,
             nearest: None,

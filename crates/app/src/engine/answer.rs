@@ -1,4 +1,5 @@
-//! Answers to prompts: it is here, it looks like something else, or it is not in this recording.
+//! Answers to prompts: it is here, it looks like something else, it is not in this recording, or the words
+//! are not understood.
 
 use surgtpgs_core::{
     meaning::{Meaning, Reason},
@@ -43,11 +44,21 @@ pub struct Answer {
     /// `true` if nothing can be said of the words: only what is marked by hand can be looked for, and they
     /// mean none of it.
     pub needs_mark: bool,
+    /// `true` if the words are not understood, so that nobody knows if what they mean is there.
+    #[serde(default)]
+    pub not_understood: bool,
 }
 
-/// Says that words were not found, and that they may still be there if they need a mark.
-pub(crate) fn absence(needs_mark: bool) -> &'static str {
-    if needs_mark { "cannot be looked for: mark it by hand" } else { "not in this recording" }
+/// Says that words were not found, and that they may still be there if they need a mark or are not
+/// understood.
+pub(crate) fn absence(needs_mark: bool, not_understood: bool) -> &'static str {
+    match (needs_mark, not_understood) {
+        (true, _) => "cannot be looked for: mark it by hand",
+        (false, true) => {
+            "these words are not known here: try another (English or Latin) word, or mark it by hand"
+        }
+        (false, false) => "not in this recording",
+    }
 }
 
 impl Answer {
@@ -58,22 +69,37 @@ impl Answer {
         let certainty = if meaning.classes.is_empty() { 0.0 } else { meaning.probability };
         let nearest = nearest.map(|(class, _)| class.name.clone());
         let needs_mark = are_marked && !may_be_found && !matches!(meaning.reason, Reason::Negated);
+        let not_understood = !needs_mark && !may_be_found && meaning.reason == Reason::Unknown;
         let why = if needs_mark {
             "only what is marked by hand can be looked for here".into()
+        } else if not_understood {
+            "it is in no list of English and Latin words".into()
         } else {
             meaning.reason.to_string()
         };
-        Self { certainty, nearest, why, needs_mark }
+        Self { certainty, nearest, why, needs_mark, not_understood }
     }
 
     /// The answer to an embedding that is compared as it is.
     pub(super) fn compared(why: &str) -> Self {
-        Self { certainty: 1.0, nearest: None, why: why.to_owned(), needs_mark: false }
+        let (needs_mark, not_understood) = (false, false);
+        Self { certainty: 1.0, nearest: None, why: why.to_owned(), needs_mark, not_understood }
     }
 
     /// Says that nothing can be found.
     pub(crate) fn absence(&self) -> &'static str {
-        absence(self.needs_mark)
+        absence(self.needs_mark, self.not_understood)
+    }
+
+    /// Says it where there is little room.
+    pub(crate) fn absence_in_short(&self) -> &'static str {
+        if self.not_understood { "words not known here" } else { self.absence() }
+    }
+
+    /// Returns `true` if an export writes something for the words: a score above `threshold` is possible, or
+    /// the class that is most like them is to be written.
+    pub(crate) fn is_exported(&self, threshold: f32, writes_nearest: bool) -> bool {
+        self.may_be_found(threshold) || (writes_nearest && self.nearest.is_some())
     }
 
     /// Returns `true` if a score above `threshold` is possible.

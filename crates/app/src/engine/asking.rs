@@ -8,7 +8,7 @@ use std::{
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Result,
-    meaning::{Calibration, ClassWords, Fit, Interpreter, Meaning, Space, Vocabulary},
+    meaning::{Calibration, ClassWords, Fit, Interpreter, Meaning, Reason, Space, Vocabulary},
     num,
     prepare::EncoderIdentity,
     relevancy::{Query, RelevancySettings, Rivals},
@@ -282,7 +282,13 @@ impl Asking {
             let calibration = Calibration::measure(space, &classes);
             self.interpreter = Interpreter::new(Vocabulary::standard(), &classes, Some(&calibration));
         }
-        Ok(self.interpreter.by_encoder(text, embedding, space))
+        let meaning = self.interpreter.by_encoder(text, embedding, space);
+        // The built-in encoder knows listed words alone, and keeps all others away from them.
+        let is_judged = meaning.reason == Reason::Encoder && !meaning.is_found();
+        if is_judged && self.encoder(scene)?.folder.is_none() {
+            return Ok(Meaning { reason: Reason::Unknown, ..meaning });
+        }
+        Ok(meaning)
     }
 
     /// Makes sure that there is the words' space: of the scene's own vectors, or else by encoding the vocabulary.

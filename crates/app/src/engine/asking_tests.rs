@@ -8,6 +8,7 @@ use surgtpgs_core::{
     export::{ExportOptions, Format, PictureSource},
     gaussian::Gaussians,
     marks::{Mark, Marks, Shape},
+    meaning::{Meaning, Reason},
     progress::unobserved,
     scene::Chapter,
     sequence::Class,
@@ -164,6 +165,34 @@ fn words_for_what_is_absent_find_nothing_and_say_why() {
     engine.change_settings(|usual| RelevancySettings { knows_unseen: false, ..usual });
     let (answer, mask) = ask(&mut engine, "hepatic vein");
     assert!(mask.count() == 0 && !answer.why.contains("training frames hardly show"), "{answer:?}");
+}
+
+#[test]
+fn words_that_nobody_understands_are_not_said_to_be_absent() {
+    let mut engine = engine(&NAMES, &["hepatic vein"]);
+    for words in ["Leber", "Gallenblase", "Vesicula biliar", "печень", "肝", "asdfgh", "!!!"] {
+        let (answer, mask) = ask(&mut engine, words);
+        assert!(answer.not_understood && !answer.may_be_found(0.5), "{words}: {answer:?}");
+        assert!(answer.absence().starts_with("these words are not known here"), "{words}: {answer:?}");
+        assert_eq!((answer.why.as_str(), mask.count()), ("it is in no list of English and Latin words", 0));
+    }
+    for words in ["spleen", "hepatic vein", "banana", "gallbladder cancer", "spaceship", "not liver"] {
+        let (answer, _) = ask(&mut engine, words);
+        assert!(!answer.not_understood, "{words}: {answer:?}");
+        assert_eq!(answer.absence(), "not in this recording", "{words}");
+    }
+    assert!(!ask(&mut engine, "liver").0.not_understood);
+}
+
+#[test]
+fn what_another_encoder_judges_is_an_answer() {
+    let meaning = |reason| Meaning { classes: Vec::new(), probability: 0.1, nearest: None, reason };
+    let answer = |reason, are_marked| Answer::new(&meaning(reason), &[], are_marked);
+    let judged = answer(Reason::Encoder, false);
+    assert_eq!((judged.not_understood, judged.absence()), (false, "not in this recording"));
+    assert!(answer(Reason::Unknown, false).not_understood);
+    let marked = answer(Reason::Unknown, true);
+    assert_eq!((marked.needs_mark, marked.not_understood), (true, false), "words tell nothing there");
 }
 
 #[test]

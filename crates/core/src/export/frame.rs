@@ -1,6 +1,6 @@
 //! The content of an exported frame. Intermediate results that several formats need are computed once.
 
-use super::{ExportPrompt, Provenance, caption, stamp};
+use super::{ExportOptions, ExportPrompt, Provenance, caption, stamp};
 use crate::{
     grid::{Grid, Mask},
     mask,
@@ -133,6 +133,11 @@ fn masks(scores: &[Cow<'_, Grid<f32>>], prompts: &[ExportPrompt], exclusive: boo
     } else {
         scores.iter().zip(prompts).map(|(s, p)| mask::threshold(s, p.threshold)).collect()
     }
+}
+
+/// Returns columns and rows of pictures of a size with prompts drawn over them.
+pub(super) fn drawn_size(options: &ExportOptions, size: (u32, u32)) -> (u32, u32) {
+    scaled_size(size, options.width_px.unwrap_or(size.0))
 }
 
 /// Returns the size of a picture that is made `width` columns wide and keeps its shape.

@@ -29,6 +29,7 @@ pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
 pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource, SegType};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
+pub use series::VideoFault;
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
 
@@ -242,6 +243,10 @@ impl Export {
     fn open_series(&mut self, size: (usize, usize)) -> Result<()> {
         if self.size.replace(size).is_some() {
             return Ok(());
+        }
+        let options = &self.record.provenance.options;
+        if let Some(fault) = VideoFault::of(options, size).filter(|_| self.due.contains(&Format::Video)) {
+            return Err(Error::input(fault.to_string(), "Choose another size, or leave the video out."));
         }
         let plan = series::SeriesPlan {
             provenance: &self.record.provenance,

@@ -50,6 +50,14 @@ pub(super) enum KeyFit {
     Part,
 }
 
+impl Phrase {
+    /// Returns `true` if each word has a letter or digit that listed words have. Encoders are measured with
+    /// these words alone.
+    pub fn is_latin(&self) -> bool {
+        self.tokens.iter().all(|token| token.bytes().any(|b| b.is_ascii_alphanumeric()))
+    }
+}
+
 impl Grammar {
     pub fn new(lists: &GrammarLists, neutral: &[String]) -> Self {
         // Neutral phrases of several words ("part of the") need no entry: the rules for parts cover them.

@@ -80,9 +80,11 @@ pub enum Reason {
     Negated,
     /// It is in no list; the encoder and the single words decided.
     Encoder,
+    /// Its single words mean something, and all of it means no class.
+    SomethingElse,
     /// It means this class, which no training frame shows, or with too few pixels to be learned.
     UnseenClass(usize),
-    /// Nothing is known of it.
+    /// Nothing is known of it: it is in no list, and no encoder was measured that can judge it.
     Unknown,
 }
 
@@ -99,6 +101,7 @@ impl fmt::Display for Reason {
             Self::Several { missing } => write!(f, "stands for several, without {}", missing.join(", ")),
             Self::Negated => write!(f, "says what it is not; only what it is can be looked for"),
             Self::Encoder => write!(f, "judged by the text encoder"),
+            Self::SomethingElse => write!(f, "means something else"),
             Self::UnseenClass(_) => write!(f, "a class that training frames hardly show, or not at all"),
             Self::Unknown => write!(f, "not known"),
         }
@@ -261,10 +264,22 @@ impl<'v> Interpreter<'v> {
         match (self.likeliest(&phrase, &query, space, listed.is_some()), listed) {
             (Some((class, probability)), _) if listed.is_none() || probability > MEANT => {
                 let same = self.classes_that(|other| other.is_same(&self.classes[class]));
-                self.meaning(same.unwrap_or_default(), probability, Reason::Encoder)
+                let is_found = probability > MEANT;
+                let reason = if is_found { Reason::Encoder } else { self.unfound(&phrase, space) };
+                self.meaning(same.unwrap_or_default(), probability, reason)
             }
             (_, Some((concept, path))) => Meaning::nothing(self.reason(concept, path, false)),
-            _ => Meaning::nothing(Reason::Unknown),
+            _ => Meaning::nothing(self.unfound(&phrase, space)),
+        }
+    }
+
+    /// The reason why a phrase in no list means no class.
+    fn unfound(&self, phrase: &Phrase, space: &Space<'_>) -> Reason {
+        let is_trusted = self.calibration_of(space).is_some_and(|c| c.fit.tells_apart);
+        match is_trusted && phrase.is_latin() {
+            _ if self.vocabulary.knows_words(phrase) => Reason::SomethingElse,
+            true => Reason::Encoder,
+            false => Reason::Unknown,
         }
     }
 

@@ -145,6 +145,30 @@ fn words_in_no_list_are_left_to_the_encoder() {
 }
 
 #[test]
+fn what_nobody_understands_is_not_taken_for_something_else() {
+    let (space, classes) = (space(), cholec());
+    let calibration = Calibration::measure(&space, &classes);
+    let reason = |prompt: &str, calibration: Option<&Calibration>| {
+        let interpreter = Interpreter::new(Vocabulary::standard(), &classes, calibration);
+        let meaning = interpreter.by_encoder(prompt, &embedding(prompt), &space);
+        assert!(!meaning.is_found(), "{prompt}: {meaning:?}");
+        meaning.reason
+    };
+    for prompt in ["Leber", "Gallenblase", "Vesicula biliar", "foie", "asdfgh"] {
+        assert_eq!(reason(prompt, Some(&calibration)), Reason::Encoder, "{prompt}");
+        assert_eq!(reason(prompt, None), Reason::Unknown, "{prompt}: no encoder was measured");
+    }
+    for calibration in [Some(&calibration), None] {
+        // No encoder was measured with words like these.
+        for prompt in ["печень", "肝", "Leber 肝", "!!!"] {
+            assert_eq!(reason(prompt, calibration), Reason::Unknown, "{prompt}");
+        }
+        assert_eq!(reason("gallbladder cancer", calibration), Reason::SomethingElse);
+        assert!(matches!(reason("spleen", calibration), Reason::Listed { .. }));
+    }
+}
+
+#[test]
 fn the_order_of_classes_does_not_matter() {
     let (space, classes) = (space(), cholec());
     let reversed: Vec<_> = classes.iter().rev().cloned().collect();

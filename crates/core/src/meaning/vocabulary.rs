@@ -75,6 +75,8 @@ pub struct Vocabulary {
     longest_key: usize,
     /// Number of concepts that use each token.
     uses: HashMap<String, usize>,
+    /// Tokens of English and grammar, whatever they mean. Those that only concepts use are not among them.
+    english: HashSet<String>,
     /// Tokens that are no typing mistakes.
     known: HashSet<String>,
     /// Tokens that show that something else is meant.
@@ -201,8 +203,9 @@ impl Vocabulary {
         let grammar = &self.grammar;
         self.everyday.retain(|token| !grammar.is_neutral(token) && !grammar.is_part(token));
 
-        self.known = self.uses.keys().chain(grammar.words()).chain(other.iter().flatten()).cloned().collect();
-        self.known.extend(token_set(&bank.real_words.words));
+        self.english = grammar.words().chain(other.iter().flatten()).cloned().collect();
+        self.english.extend(token_set(&bank.real_words.words));
+        self.known = self.uses.keys().chain(&self.english).cloned().collect();
         let asked = lexicon.other.words.split_whitespace().step_by(UNRELATED_EVERY).map(str::to_owned);
         self.unrelated = asked.chain(everyday.iter().map(|concept| concept.name.clone())).collect();
     }
@@ -239,6 +242,12 @@ impl Vocabulary {
     /// Returns `true` if a phrase says what is not meant.
     pub(super) fn says_not(&self, phrase: &Phrase) -> bool {
         self.grammar.says_not(&phrase.tokens)
+    }
+
+    /// Tests whether each word of content means something by itself: it is English or listed.
+    pub(super) fn knows_words(&self, phrase: &Phrase) -> bool {
+        let is_known = |token: &String| self.english.contains(token) || self.at_key(token).is_some();
+        !phrase.content.is_empty() && phrase.content.iter().all(is_known)
     }
 
     /// Tests whether a concept stands for everything in its group.

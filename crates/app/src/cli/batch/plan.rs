@@ -453,6 +453,11 @@ mod tests {
             (&format!("{a}{a}"), "two recordings have the name \"a\""),
             (&format!("{a}eval = 1\n"), "recording \"a\": eval = 1 is not true or false"),
             (&format!("{a}profile = \"best\"\n"), "invalid value 'best' for '--profile"),
+            (&format!("{a}labels = true\nprompts = [\"liver\", \"\"]\n"), "give a few words"),
+            (
+                &format!("{a}labels = true\nprompt = \"liver\"\nframes = \"5..3\"\n"),
+                "invalid value '5..3' for '--frames",
+            ),
             (&format!("{a}seed = [[1]]\n"), "is not a text, a number or a list"),
             (&format!("{a}masks_model = \"sam\"\n"), "--image-encoder"),
             ("path = [\n", "this is no jobs file"),

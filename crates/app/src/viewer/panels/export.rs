@@ -14,7 +14,7 @@ use crate::viewer::{
     },
     shared::{Dialog, Shared},
     state::{content::Prompt, view_mode::ViewMode},
-    text::thousands,
+    text::{sentence, thousands},
     theme,
 };
 use crate::{
@@ -28,7 +28,7 @@ use std::{
     sync::Arc,
 };
 use surgtpgs_core::{
-    export::{ExportOptions, Format, FormatGroup, PictureSource, SegType, num_files},
+    export::{ExportOptions, Format, FormatGroup, PictureSource, SegType, VideoFault, num_files},
     files::{is_free_folder, unfinished_kind},
     overlay::OverlayStyle,
 };
@@ -176,24 +176,8 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Ve
     });
     export.picking.note_ui(ui);
     ui.add_space(10.0);
-    let (frames, ExportRequest { options, questions, .. }) = (export.frames(), &export.request);
-    let is_apart = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
-    let has_gaps = is_apart && options.formats.iter().any(|f| f.is_series());
-    if has_gaps {
-        let text = "Frames are left out in between: videos, tables and volumes need them in one piece. Choose frames before or \
-                    behind what is left out.";
-        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
-    }
-    let is_ready = !options.formats.is_empty() && !questions.is_empty() && !has_gaps;
-    let unlearned = |frame: &&usize| shared.info().is_some_and(|info| info.is_unlearned(**frame));
-    let num_left_out = frames.iter().filter(unlearned).count();
-    let num_shown = frames.len() - num_left_out;
-    let count = if is_ready { num_files(&options.formats, num_shown, questions.len()) } else { 0 };
-    ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
-    if num_left_out > 0 {
-        let text = format!("Frames that are not reconstructed yet are left out: {}", thousands(num_left_out));
-        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
-    }
+    let frames = export.frames();
+    let is_ready = plan_ui(ui, &export.request, &frames, shared);
     ui.label(caption("A provenance.json beside them says how they were made."));
     ui.horizontal(|ui| {
         if ui.add_enabled(is_ready, main_button("Start export")).clicked() {
@@ -203,6 +187,63 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Ve
         ui.button("Cancel").clicked()
     })
     .inner
+}
+
+/// Shows how many files an export of `frames` writes, and what it leaves out. Returns `true` if it can be
+/// made.
+fn plan_ui(ui: &mut Ui, request: &ExportRequest, frames: &[usize], shared: &Shared) -> bool {
+    let ExportRequest { options, questions, .. } = request;
+    let Some(info) = shared.info() else { return false };
+    let warn = |ui: &mut Ui, text: String| {
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    };
+    let fault = fault(options, frames, (info.width, info.height));
+    let is_ready = !options.formats.is_empty() && !questions.is_empty() && fault.is_none();
+    fault.into_iter().for_each(|text| warn(ui, text));
+    let num_unlearned = frames.iter().filter(|frame| info.is_unlearned(**frame)).count();
+    let left_out = left_out(questions, shared);
+    let num_written = questions.len() - left_out.len();
+    let count = match is_ready && num_written > 0 {
+        true => num_files(&options.formats, frames.len() - num_unlearned, num_written),
+        false => 0,
+    };
+    ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
+    if !left_out.is_empty() {
+        warn(ui, format!("Nothing will be written for {}", left_out.join(", ")));
+    }
+    if num_unlearned > 0 {
+        let count = thousands(num_unlearned);
+        warn(ui, format!("Frames that are not reconstructed yet are left out: {count}"));
+    }
+    is_ready
+}
+
+/// Says why the frames of a recording, whose pictures have a size, cannot be exported in the chosen formats.
+fn fault(options: &ExportOptions, frames: &[usize], size: (usize, usize)) -> Option<String> {
+    let is_apart = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
+    if is_apart && options.formats.iter().any(|f| f.is_series()) {
+        let text = "Frames are left out in between: videos, tables and volumes need them in one piece. Choose frames before or \
+                    behind what is left out.";
+        return Some(text.into());
+    }
+    let fault = VideoFault::of(options, size)?;
+    Some(format!("{}. Choose another size, or leave the video out.", sentence(&fault.to_string())))
+}
+
+/// Names the questions that nothing will be written for, each with the reason. Those that have no answer yet
+/// may be found.
+fn left_out(questions: &[ExportQuestion], shared: &Shared) -> Vec<String> {
+    let absence = |asked: &ExportQuestion| {
+        let is_asked = |prompt: &&Prompt| shared.document.question(prompt) == asked.question;
+        let prompt = shared.document.prompts().iter().find(is_asked)?;
+        // Marks that wait are carried to the scene before it is asked.
+        let is_marked = shared.document.marks().names().into_iter().any(|name| prompt.is_marked_as(name));
+        let finding = shared.finding(prompt.id, &prompt.text).filter(|_| !is_marked)?;
+        let answer = finding.answer.as_ref()?;
+        let is_written = answer.is_exported(asked.threshold, asked.question.shows_nearest);
+        (!is_written).then(|| format!("\"{}\" ({})", prompt.text, answer.absence_in_short()))
+    };
+    questions.iter().filter_map(absence).collect()
 }
 
 fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
@@ -308,5 +349,18 @@ mod tests {
             window.run();
         }
         assert_eq!(*window.state(), Format::ALL);
+    }
+
+    #[test]
+    fn what_a_video_cannot_show_is_said_before_the_start() {
+        let said = |formats: &[Format], width_px: Option<u32>, frames: &[usize]| {
+            let options = ExportOptions { formats: formats.to_vec(), width_px, ..Default::default() };
+            fault(&options, frames, (4096, 2160))
+        };
+        let large = said(&[Format::Overlay, Format::Video], None, &[3, 4]).unwrap();
+        assert!(large.starts_with("A video has at most 3840×2160 pixels, and"), "{large}");
+        assert!(said(&[Format::Video], None, &[3, 5]).unwrap().contains("left out in between"));
+        assert_eq!(said(&[Format::Overlay, Format::Video], Some(1920), &[3, 4]), None);
+        assert_eq!(said(&[Format::Overlay], None, &[3, 5]), None);
     }
 }

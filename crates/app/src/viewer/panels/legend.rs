@@ -66,7 +66,7 @@ fn lines(shared: &Shared) -> Vec<Line<'_>> {
         let value = match found {
             Some(found) if found.area_px > 0 => format!("{} of the picture", percent(found.area_fraction)),
             Some(_) => match answer.filter(|answer| !answer.may_be_found(prompt.threshold)) {
-                Some(answer) => answer.absence().into(),
+                Some(answer) => answer.absence_in_short().into(),
                 None => "not on this frame".into(),
             },
             None => "no answer".into(),

@@ -139,7 +139,7 @@ fn unanswered_text(shared: &Shared) -> String {
     match shared.will_find_words() {
         Some(true) => "Waits for the reconstruction".into(),
         None if shared.awaits_reconstruction() => "Looked for once this recording is reconstructed".into(),
-        _ => sentence(absence(true)),
+        _ => sentence(absence(true, false)),
     }
 }
 

@@ -92,7 +92,7 @@ impl FrameSource for Fake {
             words if self.marked(words).is_some() => Ok(self.marked(words).unwrap_or_default()),
             _ if !self.info.has_features => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0)),
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
-            "spleen" | "banana" if !question.shows_nearest => {
+            "spleen" | "banana" | "Leber" if !question.shows_nearest => {
                 Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0))
             }
             "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
@@ -116,10 +116,11 @@ impl FrameSource for Fake {
             let (certainty, nearest) = match question.text.as_str() {
                 _ if needs_mark => (0.0, None),
                 "spleen" => (0.0, Some("liver".to_owned())),
-                "banana" => (0.0, None),
+                "banana" | "Leber" => (0.0, None),
                 _ => (1.0, None),
             };
-            Some(Answer { certainty, nearest, why: "it was made up".into(), needs_mark })
+            let not_understood = !needs_mark && question.text == "Leber";
+            Some(Answer { certainty, nearest, why: "it was made up".into(), needs_mark, not_understood })
         };
         questions.iter().map(answer).collect()
     }

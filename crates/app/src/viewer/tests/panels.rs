@@ -44,6 +44,40 @@ fn the_time_bar_asks_for_its_commands_and_frames() {
 }
 
 #[test]
+fn words_that_are_not_understood_are_not_said_to_be_absent() {
+    let mut window = Window::on(scene());
+    window.type_prompt("Leber");
+    let told = "These words are not known here: try another (English or Latin) word, or mark it by hand";
+    window.until_shown(&format!("{told} – Enter keeps it"));
+    window.press(Key::Enter);
+    window.press(Key::Escape);
+    window.until_found();
+    assert!(window.shows(told) && !window.shows("ot in this recording"));
+    let painted = painted(&window);
+    assert!(painted.iter().any(|text| text == "Leber   words not known here"), "{painted:?}");
+    assert!(!painted.iter().any(|text| text.contains("in this recording")), "{painted:?}");
+}
+
+#[test]
+fn the_export_says_what_nothing_will_be_written_for() {
+    let mut window = Window::on(scene());
+    ["gallbladder", "banana", "Leber", "spleen"].iter().for_each(|words| window.add_prompt(words));
+    window.until_found();
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    // 48 overlays, 48 masks
+    assert!(window.shows("96 files will be written"));
+    let absent = "\"banana\" (not in this recording), \"Leber\" (words not known here), \"spleen\" (not in";
+    assert!(window.shows(&format!("Nothing will be written for {absent}")));
+    window.press(Key::Escape);
+    window.scroll_and_click("Show liver, dashed");
+    window.until_picture(|p| p.request.prompts[3].question.shows_nearest && p.findings.len() == 4);
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    assert!(window.shows("144 files will be written") && !window.shows("\"spleen\" (not"));
+}
+
+#[test]
 fn a_frame_number_is_typed_and_gone_to() {
     let mut window = Window::on(scene());
     window.harness.state_mut().shared.dialog = Some(Dialog::GoToFrame);

@@ -15,6 +15,7 @@ mod table;
 mod video;
 
 pub(super) use stream::{Series, SeriesPlan};
+pub use video::VideoFault;
 
 use super::Format;
 use crate::files::WholeFile;

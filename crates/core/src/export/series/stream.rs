@@ -3,7 +3,7 @@
 use crate::{
     export::{
         Provenance,
-        frame::{FrameContent, scaled_size},
+        frame::{FrameContent, drawn_size},
     },
     files::WholeFile,
     sequence::SourceReferences,
@@ -33,7 +33,6 @@ pub(in crate::export) struct SeriesPlan<'a> {
 impl SeriesPlan<'_> {
     /// Returns columns and rows of pictures with prompts drawn over them.
     pub(in crate::export) fn drawn_size(&self) -> (u32, u32) {
-        let size = (self.size.0 as u32, self.size.1 as u32);
-        scaled_size(size, self.provenance.options.width_px.unwrap_or(size.0))
+        drawn_size(&self.provenance.options, (self.size.0 as u32, self.size.1 as u32))
     }
 }

@@ -4,7 +4,8 @@ use crate::{
     annotations::{self, Canvas},
     dicom::Segmentation,
     export::{
-        Export, ExportSummary, Format, PROVENANCE_FILE, Provenance, SegType, num_files,
+        Export, ExportOptions, ExportSummary, Format, PROVENANCE_FILE, Provenance, SegType, VideoFault,
+        num_files,
         tests::{picture, provenance},
     },
     grid::{Grid, Mask},
@@ -269,6 +270,52 @@ fn odd_sizes_are_filled_up_in_videos() {
     assert_eq!((video.width(), video.height()), (34, 22));
     let corner = video.frame(0).unwrap().get_pixel(33, 5).0;
     assert!(corner.iter().all(|v| v.abs_diff(120) < 6), "{corner:?}");
+}
+
+#[test]
+fn sizes_that_no_video_has_are_told_with_a_width_that_fits() {
+    let fault = |size: (usize, usize), width_px: Option<u32>| {
+        let options = ExportOptions { formats: vec![Format::Video], width_px, ..Default::default() };
+        VideoFault::of(&options, size)
+    };
+    for (size, width) in [
+        ((3840, 2160), None),
+        ((2160, 3840), None),
+        ((960, 540), Some(3840)),
+        ((15, 15), None),
+        ((9, 9), Some(64)),
+    ] {
+        assert_eq!(fault(size, width), None, "{size:?} {width:?}");
+    }
+    for (size, width, says, fitting) in [
+        ((1920, 1080), Some(7680), "at most 3840×2160 pixels, and this one would have 7680×4320", Some(3840)),
+        ((4096, 2160), None, "at most 3840×2160", Some(3840)),
+        ((3000, 2900), None, "at most 3840×2160", Some(2234)),
+        ((1080, 1920), Some(2200), "at most 2160×3840", Some(2160)),
+        ((12, 12), None, "at least 16×16", Some(64)),
+        ((4000, 10), None, "at least 16×16", None),
+    ] {
+        let fault = fault(size, width).unwrap();
+        assert!(fault.to_string().contains(says), "{size:?}: {fault}");
+        assert_eq!(fault.fitting, fitting, "{size:?}");
+    }
+    let masks = ExportOptions { formats: vec![Format::Binary], width_px: Some(7680), ..Default::default() };
+    assert_eq!(VideoFault::of(&masks, (1920, 1080)), None, "there is no video");
+}
+
+#[test]
+fn a_video_of_a_size_that_the_encoder_refuses_is_not_begun() {
+    let write = |side: u32| {
+        let folder = tempfile::tempdir().unwrap();
+        let how = provenance(&[Format::Csv, Format::Video], false);
+        let mut export = Export::begin(folder.path(), vec![0], how).unwrap();
+        let scores = Grid::filled(side as usize, side as usize, 0.2);
+        let grey = image::RgbImage::from_pixel(side, side, image::Rgb([120; 3]));
+        export.write(&grey, &[scores.clone(), scores], None)
+    };
+    write(15).unwrap();
+    let error = write(14).unwrap_err().to_string();
+    assert!(error.contains("at least 16×16 pixels") && !error.contains("OpenH264"), "{error}");
 }
 
 #[test]

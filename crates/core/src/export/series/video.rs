@@ -1,7 +1,13 @@
 //! The overlays as H.264 in an mp4 file.
 
 use super::{Series, SeriesPlan};
-use crate::{export::frame::FrameContent, files::WholeFile};
+use crate::{
+    export::{
+        ExportOptions, Format,
+        frame::{FrameContent, drawn_size, scaled_size},
+    },
+    files::WholeFile,
+};
 use image::RgbImage;
 use openh264::{
     OpenH264API, Timestamp,
@@ -19,8 +25,10 @@ use shiguredo_mp4::{
 };
 use std::{
     borrow::Cow,
+    fmt,
     io::{self, BufWriter, Seek, SeekFrom, Write},
     num::NonZeroU32,
+    ops::RangeInclusive,
 };
 
 /// Units of time per second; usual frame rates divide it without remainder.
@@ -31,6 +39,53 @@ const JUMP_EVERY: u32 = 25;
 const BITS: f64 = 0.5;
 /// Range of H.264's quantiser that keeps lines sharp and tissue free of blocks.
 const QUANTISER: QpRange = QpRange::new(20, 22);
+
+/// Length of the longer and of the shorter side up to which the encoder takes pictures, px.
+const MOST: [u32; 2] = [3840, 2160];
+/// Length of a side from which on it takes them, px.
+const FEWEST: u32 = 16;
+/// Widths that can be chosen for videos, px.
+const WIDTHS: RangeInclusive<u32> = 64..=MOST[0];
+
+/// A video that cannot be written, because the encoder takes no pictures of its size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VideoFault {
+    /// Columns and rows that it would have, px.
+    size: (u32, u32),
+    /// Number of columns nearest to these with which it can be written; `None` if there is none.
+    pub fitting: Option<u32>,
+}
+
+impl VideoFault {
+    /// Looks at the video that an export makes of pictures of a size; `None` if it makes none, or can.
+    pub fn of(options: &ExportOptions, size: (usize, usize)) -> Option<Self> {
+        let recorded = (size.0 as u32, size.1 as u32);
+        let size = drawn_size(options, recorded);
+        if !options.formats.contains(&Format::Video) || is_encodable(size) {
+            return None;
+        }
+        let fitting = WIDTHS.filter(|&width| is_encodable(scaled_size(recorded, width)));
+        Some(Self { size, fitting: fitting.min_by_key(|width| width.abs_diff(size.0)) })
+    }
+}
+
+impl fmt::Display for VideoFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ((columns, rows), [longer, shorter]) = (self.size, MOST);
+        match (columns.min(rows) + 1 < FEWEST, columns < rows) {
+            (true, _) => write!(f, "a video has at least {FEWEST}×{FEWEST} pixels")?,
+            (false, false) => write!(f, "a video has at most {longer}×{shorter} pixels")?,
+            (false, true) => write!(f, "a video has at most {shorter}×{longer} pixels")?,
+        }
+        write!(f, ", and this one would have {columns}×{rows}")
+    }
+}
+
+/// Tests whether the encoder takes pictures of a size, once odd sides have grown by a pixel.
+fn is_encodable((columns, rows): (u32, u32)) -> bool {
+    let (longer, shorter) = (columns.max(rows), columns.min(rows));
+    longer <= MOST[0] && shorter <= MOST[1] && shorter + 1 >= FEWEST
+}
 
 pub(super) struct Video {
     file: BufWriter<WholeFile>,
