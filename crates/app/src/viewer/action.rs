@@ -74,6 +74,8 @@ pub(crate) enum Action {
     Discard(LeftId),
     /// Offers unsaved work again at the next start.
     RestoreLater(LeftId),
+    /// Says something for a while.
+    Say(&'static str),
     /// Shows a problem.
     Report(String),
     /// Closes the message about a problem.
@@ -174,8 +176,9 @@ impl Shared {
             Action::ForgetFinished(scene) => self.reconstruction.forget(&scene),
             Action::FlipMasks => self.flip_masks(ctx),
             Action::Restore(id) => self.restore(id, ctx),
-            Action::Discard(id) => self.saving.autosave.discard(id),
-            Action::RestoreLater(id) => self.saving.for_later.push(id),
+            Action::Discard(id) => self.discard(id, now),
+            Action::RestoreLater(id) => self.restore_later(id, now),
+            Action::Say(text) => self.say(text, None, now),
             Action::Report(problem) => self.problem = Some(problem),
             Action::CloseProblem => self.problem = None,
             Action::CloseToast => self.toast = None,

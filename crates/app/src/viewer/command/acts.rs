@@ -25,7 +25,8 @@ pub(super) struct Given<'a> {
     pub(super) is_stop_down: bool,
 }
 
-/// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place.
+/// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place. Keys
+/// stay commands, unless a name is missing.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
     let counts = |frame: usize| !shared.document.is_excluded(frame);
     if let Some(frame) = shared.areas().and_then(|areas| areas.look_here(counts)).map(|here| here.frame) {
@@ -33,6 +34,8 @@ pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
         shared.playback.seek(frame, given.now);
         if !shared.viewport.marking.is_on {
             shared.take_marking();
+            let marking = &mut shared.viewport.marking;
+            marking.wants_name = marking.name.is_empty();
         }
     }
 }
@@ -80,14 +83,33 @@ pub(super) fn switch(shared: &mut Shared, mode: ViewMode) {
 /// Plays in a direction (1 or −1). As on a video deck, makes single steps while the stop key is held down.
 pub(super) fn shuttle(shared: &mut Shared, given: &Given<'_>, direction: isize) {
     if given.is_stop_down {
-        shared.playback.step(direction);
+        shared.step(direction, given.now);
     } else {
         shared.playback.shuttle(direction as f64, given.now);
     }
 }
 
-/// Leaves the range that plays, or the present frame, out of everything, or takes it back in.
-pub(super) fn exclude(shared: &mut Shared) {
+/// Begins the part that plays on the frame that is seen.
+pub(super) fn begin_range(shared: &mut Shared, given: &Given<'_>) {
+    shared.go_to_seen(given.now);
+    shared.document.set_range(Some(shared.playback.range_from_here()));
+}
+
+/// Ends the part that plays on the frame that is seen.
+pub(super) fn end_range(shared: &mut Shared, given: &Given<'_>) {
+    shared.go_to_seen(given.now);
+    shared.document.set_range(Some(shared.playback.range_to_here()));
+}
+
+/// Sets a bookmark on the frame that is seen, or deletes it.
+pub(super) fn toggle_bookmark(shared: &mut Shared, given: &Given<'_>) {
+    shared.go_to_seen(given.now);
+    shared.document.toggle_bookmark(shared.playback.frame());
+}
+
+/// Leaves the range that plays, or the frame that is seen, out of everything, or takes it back in.
+pub(super) fn exclude(shared: &mut Shared, given: &Given<'_>) {
+    shared.go_to_seen(given.now);
     let frame = shared.playback.frame();
     let (from, to) = shared.document.content().range.unwrap_or((frame, frame));
     shared.document.toggle_excluded(from, to);

@@ -13,8 +13,8 @@ use crate::viewer::{
     state::{document::THRESHOLD_STEP, playback::HOP, view_mode::ViewMode},
 };
 use acts::{
-    Given, centre_orbit, copy_areas, dismiss, exclude, full_screen, go_to_bookmark, go_to_found, look_here,
-    magnify_time, pick, shuttle, switch, what_to_open,
+    Given, begin_range, centre_orbit, copy_areas, dismiss, end_range, exclude, full_screen, go_to_bookmark,
+    go_to_found, look_here, magnify_time, pick, shuttle, switch, toggle_bookmark, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 use obstacles::{
@@ -202,19 +202,19 @@ commands! {
         unless no_picture, act |s, g| s.copy_picture(g.now, g.ctx);
     PlayPause: Time, Viewport, [key(Key::Space)], "Play or pause",
         "Play or pause at the recording's own speed",
-        unless nothing_open, act |s, g| s.playback.toggle(g.now);
+        unless nothing_open, act |s, g| s.play_or_pause(g.now);
     StepBack: Time, Viewport, [key(Key::ArrowLeft)], "Back 1 frame",
         "Back 1 frame",
-        unless nothing_open, act |s, _| s.playback.step(-1);
+        unless nothing_open, act |s, g| s.step(-1, g.now);
     StepForward: Time, Viewport, [key(Key::ArrowRight)], "Forward 1 frame",
         "Forward 1 frame",
-        unless nothing_open, act |s, _| s.playback.step(1);
+        unless nothing_open, act |s, g| s.step(1, g.now);
     HopBack: Time, Viewport, [shift(Key::ArrowLeft)], "Back 10 frames",
         "Back 10 frames",
-        unless nothing_open, act |s, _| s.playback.step(-HOP);
+        unless nothing_open, act |s, g| s.step(-HOP, g.now);
     HopForward: Time, Viewport, [shift(Key::ArrowRight)], "Forward 10 frames",
         "Forward 10 frames",
-        unless nothing_open, act |s, _| s.playback.step(HOP);
+        unless nothing_open, act |s, g| s.step(HOP, g.now);
     First: Time, Viewport, [key(Key::Home)], "First frame",
         "Go to the first frame",
         unless nothing_open, act |s, g| s.playback.seek(0, g.now);
@@ -229,7 +229,7 @@ commands! {
         unless nothing_open, act |s, g| shuttle(s, g, -1);
     Stop: Time, Viewport, [key(Key::K)], "Stop",
         "Stop playing",
-        unless nothing_open, act |s, _| s.playback.pause();
+        unless nothing_open, act |s, g| s.pause(g.now);
     PlayForwards: Time, Viewport, [key(Key::L)], "Play forwards",
         "Play forwards; again for twice the speed",
         unless nothing_open, act |s, g| shuttle(s, g, 1);
@@ -247,16 +247,16 @@ commands! {
         unless nothing_open, act |s, _| s.playback.toggle_looping();
     RangeStart: Time, Viewport, [key(Key::I)], "Range starts here",
         "Play and repeat from this frame on",
-        unless nothing_open, act |s, _| s.document.set_range(Some(s.playback.range_from_here()));
+        unless nothing_open, act begin_range;
     RangeEnd: Time, Viewport, [shift(Key::I)], "Range ends here",
         "Play and repeat up to this frame",
-        unless nothing_open, act |s, _| s.document.set_range(Some(s.playback.range_to_here()));
+        unless nothing_open, act end_range;
     RangeClear: Time, Viewport, [alt(Key::I)], "Whole recording",
         "Play the whole recording again",
         unless nothing_open, act |s, _| s.document.set_range(None);
     Exclude: Time, Viewport, [ctrl_shift(Key::E)], "Leave out these frames",
         "Leave this frame, or the range that plays, out of everything; again takes it back in",
-        unless nothing_open, act |s, _| exclude(s);
+        unless nothing_open, act exclude;
     FirstFound: Time, Viewport, [shift(Key::Home)], "First frame where it is found",
         "Go to the first frame on which the selected prompt is found",
         unless not_found, act |s, g| go_to_found(s, g, Curve::first);
@@ -268,11 +268,10 @@ commands! {
         unless not_found, act |s, g| go_to_found(s, g, Curve::last);
     Bookmark: Time, Viewport, [key(Key::M)], "Bookmark",
         "Mark this frame",
-        unless |s| nothing_open(s).or(bookmarked(s)),
-        act |s, _| s.document.toggle_bookmark(s.playback.frame());
+        unless |s| nothing_open(s).or(bookmarked(s)), act toggle_bookmark;
     DeleteBookmark: Time, Viewport, [ctrl_shift(Key::M)], "Delete the bookmark",
         "Take the mark of this frame away, with its note",
-        unless not_bookmarked, act |s, _| s.document.toggle_bookmark(s.playback.frame());
+        unless not_bookmarked, act toggle_bookmark;
     Bookmarks: Time, Viewport, [shift(Key::M)], "Bookmarks and notes…",
         "The list of bookmarks, with notes and flags",
         unless nothing_open, act |s, _| s.dialog = Some(Dialog::Bookmarks);

@@ -156,18 +156,18 @@ pub(super) fn nowhere_to_look(shared: &Shared) -> Obstacle {
     no_reconstruction(shared).or(reconstructing(shared)).or(no_marks(shared)).or(unknown)
 }
 
-/// Returns `true` if the present frame has a bookmark.
+/// Returns `true` if the frame that is seen has a bookmark.
 fn is_bookmarked(shared: &Shared) -> bool {
-    let frame = shared.playback.frame();
+    let frame = shared.seen_frame();
     shared.document.bookmarks().iter().any(|b| b.frame == frame)
 }
 
-/// The present frame has a bookmark.
+/// The frame that is seen has a bookmark.
 pub(super) fn bookmarked(shared: &Shared) -> Obstacle {
     is_bookmarked(shared).then_some("This frame has a bookmark already")
 }
 
-/// The present frame has no bookmark.
+/// The frame that is seen has no bookmark.
 pub(super) fn not_bookmarked(shared: &Shared) -> Obstacle {
     (!is_bookmarked(shared)).then_some("This frame has no bookmark")
 }

@@ -18,6 +18,10 @@ use surgtpgs_core::marks::{Mark, Shape};
 /// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
 const STEP_PX: f32 = 2.0;
 const CORNER_PX: f32 = 4.0;
+/// Least number of pixels that an outline encloses.
+const LEAST_PX: usize = 4;
+/// Message about an outline with nothing inside.
+const ENCLOSES_NOTHING: &str = "This outline encloses nothing: draw around the structure";
 /// Opacity of marked pixels, and of what surrounds those that are not meant.
 const FILL: u8 = 0x60;
 /// Width of the stripes on pixels that are not meant, px of the recording.
@@ -192,7 +196,7 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
             drawn = Some(made(dragged(marking.tool, marking.radius_px, drawn.as_ref(), from, to)));
         }
         match is_stopped || way.whole_from.is_some() {
-            true => finish(actions, drawn.as_ref()),
+            true => finish(actions, drawn.as_ref(), size),
             false => actions.push(Action::marking(move |m| m.draft = drawn)),
         }
     } else if response.clicked()
@@ -207,13 +211,13 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
                 let draft = made(shape);
                 actions.push(Action::GoTo(frame));
                 match is_closed {
-                    true => finish(actions, Some(&draft)),
+                    true => finish(actions, Some(&draft), size),
                     false => actions.push(Action::marking(move |m| m.draft = Some(draft))),
                 }
             }
             Some(shape) => {
                 actions.push(Action::GoTo(frame));
-                finish(actions, Some(&made(shape)));
+                finish(actions, Some(&made(shape)), size);
             }
         }
     }
@@ -263,12 +267,30 @@ impl Way {
     }
 }
 
-/// Makes the drawn mark one of the document, if it marks anything.
-fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>) {
-    if let Some(mark) = draft.filter(|draft| draft.fits).map(|draft| draft.mark.clone()) {
+/// Makes the drawn mark one of the document, if it marks anything; says so of an outline around nothing.
+fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>, size: [usize; 2]) {
+    let is_empty = |draft: &Draft| !draft.mark.name.is_empty() && encloses_nothing(&draft.mark.shape, size);
+    if draft.is_some_and(is_empty) {
+        actions.push(Action::Say(ENCLOSES_NOTHING));
+    } else if let Some(mark) = draft.filter(|draft| draft.fits).map(|draft| draft.mark.clone()) {
         actions.push(Action::edit(move |d| d.add_mark(mark)));
     }
     actions.push(Action::marking(|m| m.draft = None));
+}
+
+/// Returns `true` for an outline around a few pixels at most, or one that runs back beside itself: it is
+/// narrower than a pixel on average.
+fn encloses_nothing(shape: &Shape, [width, height]: [usize; 2]) -> bool {
+    let length_px: f32 = match shape {
+        Shape::Polygon { points_px } => {
+            let next = points_px.iter().cycle().skip(1);
+            points_px.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum()
+        }
+        Shape::Box { .. } => 0.0,
+        _ => return false,
+    };
+    let count = shape.pixels(width, height).count();
+    count < LEAST_PX || 2.0 * (count as f32) < length_px
 }
 
 /// Returns the shape after the mouse was dragged on to a point.
@@ -326,6 +348,25 @@ mod tests {
             image.pixels.iter().filter(|pixel| **pixel != Color32::TRANSPARENT).count()
         };
         assert_eq!((painted(&[&this]), painted(&[&other]), painted(&[&this, &other])), (6, 6, 0));
+    }
+
+    #[test]
+    fn a_straight_outline_encloses_nothing_and_a_small_one_does() {
+        let around = |points: &[[f32; 2]]| Shape::Polygon { points_px: points.to_vec() };
+        let from_to = |from, to| Shape::Box { corners_px: [from, to] };
+        for (shape, expected) in [
+            (around(&[[5.0, 5.0]]), true),
+            (around(&[[5.0, 5.5], [25.0, 5.5], [15.0, 5.5]]), true),
+            // Eight pixels beside a line of 40 and more.
+            (around(&[[5.0, 5.0], [25.0, 5.0], [15.0, 5.8]]), true),
+            (around(&[[5.0, 5.0], [7.0, 5.0], [7.0, 7.0], [5.0, 7.0]]), false),
+            (around(&[[5.0, 5.0], [25.0, 5.0], [25.0, 8.0], [5.0, 8.0]]), false),
+            (from_to([5.0, 5.0], [25.0, 5.2]), true),
+            (from_to([5.0, 5.0], [25.0, 6.0]), false),
+            (Shape::Click { point_px: [5.0, 5.0], radius_px: 0.0 }, false),
+        ] {
+            assert_eq!(encloses_nothing(&shape, [32, 24]), expected, "{shape:?}");
+        }
     }
 
     #[test]

@@ -3,12 +3,12 @@
 use crate::viewer::{
     action::Action,
     command::{Command, entry},
-    panels::widgets::{add_unless, caption, choice},
+    panels::widgets::{add_unless, caption, choice, focus_selecting},
     shared::Shared,
     state::marking::{RADII_PX, Tool},
     theme,
 };
-use egui::{Align, Button, Frame, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
+use egui::{Align, Button, Frame, Id, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
 use surgtpgs_core::{marks::Mark, sequence::plain_words};
 
 /// Message while marks wait.
@@ -35,12 +35,17 @@ pub(crate) fn marking_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>
         return;
     }
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 8));
-    frame.stroke(Stroke::new(1.0, theme::ACCENT)).show(ui, |ui| {
+    let shown = frame.stroke(Stroke::new(1.0, theme::ACCENT)).show(ui, |ui| {
         ui.set_width(ui.available_width());
         name_ui(ui, shared, actions);
         tool_ui(ui, shared, actions);
         state_ui(ui, shared, actions);
     });
+    if shared.viewport.marking.wants_name {
+        // If there is no room for all of it, its upper part with the name is shown.
+        let is_high = shown.response.rect.height() > ui.clip_rect().height();
+        shown.response.scroll_to_me(is_high.then_some(Align::Min));
+    }
     ui.add_space(6.0);
 }
 
@@ -54,7 +59,9 @@ fn name_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             if ui.button("Done").on_hover_text(shared.tooltip(Command::Mark)).clicked() {
                 actions.push(Action::Run(Command::Mark));
             }
-            let field = TextEdit::singleline(&mut name).hint_text("What do you mark?").char_limit(200);
+            // An id of its own: the field keeps the focus when something appears above it.
+            let field = TextEdit::singleline(&mut name).id(Id::unique("name of what is marked"));
+            let field = field.hint_text("What do you mark?").char_limit(200);
             ui.add(field.margin(Margin::symmetric(8, 6)).desired_width(f32::INFINITY))
         })
         .inner
@@ -62,7 +69,7 @@ fn name_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let response = row.inner;
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Name of what is marked"));
     if marking.wants_name {
-        response.request_focus();
+        focus_selecting(&response, 0..name.chars().count());
         actions.push(Action::marking(|m| m.wants_name = false));
     }
     if name != marking.name {

@@ -26,6 +26,8 @@ pub(crate) struct PhasesDialog {
 /// Contents of the fields.
 struct Asked {
     name: String,
+    /// `true` until the field of the name has the focus for the first time.
+    wants_name: bool,
     file: PathBuf,
     /// Result of the last writing or reading, and `true` for a fault.
     said: Option<(String, bool)>,
@@ -41,6 +43,7 @@ impl PhasesDialog {
         let Some(info) = shared.info() else { return };
         let asked = self.asked.get_or_insert_with(|| Asked {
             name: String::new(),
+            wants_name: true,
             file: info.output_folder.join(format!("{}-phases.csv", info.name)),
             said: None,
         });
@@ -77,6 +80,9 @@ fn add_ui(ui: &mut Ui, asked: &mut Asked, (from, to): (usize, usize), actions: &
         let field =
             ui.add(TextEdit::singleline(&mut asked.name).hint_text("Name of the phase").desired_width(240.0));
         field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Name of the phase"));
+        if std::mem::take(&mut asked.wants_name) {
+            field.request_focus();
+        }
         let names =
             ui.button("Names…").on_hover_text("The phases of a cholecystectomy, as Cholec80 calls them");
         Popup::menu(&names).show(|ui| {

@@ -7,12 +7,15 @@ use crate::viewer::{
         paths::{PathAsk, PathKind, taken},
         task::{Task, TaskEvent},
     },
-    panels::widgets::{caption, dialog, main_button},
+    panels::widgets::{caption, dialog, focus_selecting, main_button},
     shared::Shared,
     theme,
 };
-use egui::{Button, Context, Key, RichText, ScrollArea, TextEdit, Ui, vec2};
-use std::path::{Path, PathBuf};
+use egui::{Button, Context, Id, Key, RichText, ScrollArea, TextEdit, Ui, vec2};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 use surgtpgs_core::marks::Marks;
 
 /// Number of entries of a folder that are shown.
@@ -36,6 +39,8 @@ pub(crate) struct Picker {
     entries: Vec<Entry>,
     listing: Option<Task<Vec<Entry>>>,
     is_open: bool,
+    /// `true` until the field has the focus for the first time.
+    wants_focus: bool,
 }
 
 impl Picker {
@@ -61,6 +66,7 @@ impl Picker {
     }
 
     fn begin(&mut self, ask: &PathAsk, ctx: &Context) {
+        self.wants_focus = true;
         let start = ask.folder.clone().or_else(dirs::home_dir).unwrap_or_else(|| PathBuf::from("/"));
         self.enter(start, ctx);
         if let PathKind::Save(name, _) | PathKind::SaveMarks(name) = &ask.kind {
@@ -80,9 +86,12 @@ impl Picker {
     /// written over.
     fn contents_ui(&mut self, ui: &mut Ui, ask: &PathAsk, own: Option<&Path>) -> (Option<PathBuf>, bool) {
         ui.heading(&ask.title);
-        let field = TextEdit::singleline(&mut self.typed).desired_width(f32::INFINITY);
-        let field = ui.add(field.hint_text("Path").return_key(None));
+        let field = TextEdit::singleline(&mut self.typed).id(Id::unique("path to pick"));
+        let field = ui.add(field.desired_width(f32::INFINITY).hint_text("Path").return_key(None));
         field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Path"));
+        if std::mem::take(&mut self.wants_focus) {
+            focus_selecting(&field, typed_over(&self.typed, &ask.kind));
+        }
         let is_entered = field.has_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let typed = PathBuf::from(self.typed.trim());
         let (mut chosen, mut entered) = (None, None);
@@ -144,6 +153,19 @@ impl Picker {
     }
 }
 
+/// Returns the letters of a path that are typed over: the name of the file to write, without its extension.
+/// Of a path that exists, there are none: the rest of it is typed behind it.
+fn typed_over(path: &str, kind: &PathKind) -> Range<usize> {
+    let end = path.chars().count();
+    if kind.written_extension().is_none() {
+        return end..end;
+    }
+    let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let stem = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let first = end.saturating_sub(name.chars().count());
+    first..first + stem.chars().count()
+}
+
 /// Returns `true` for entries that lead to what is asked for, or that have its kind of name.
 fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -200,6 +222,15 @@ mod tests {
         let offered = ["marks.json", "annotations.xml", "liver.seg.nrrd", "seg.dcm", "EXPORT.JSON", "A.DCM"];
         assert!(offered.into_iter().all(is_offered));
         assert!(!["scene.safetensors", "frame.png", "notes"].into_iter().any(is_offered));
+    }
+
+    #[test]
+    fn the_name_of_a_file_to_write_is_typed_over_and_a_folder_is_not() {
+        let kind = PathKind::Save("Prüfung.2024.surgtpgs".into(), "Sessions");
+        assert_eq!(typed_over("/data/Prüfung.2024.surgtpgs", &kind), 6..18);
+        let kind = PathKind::SaveMarks("clip-marks.json".into());
+        assert_eq!(typed_over("/data/clip-marks.json", &kind), 6..16);
+        assert_eq!(typed_over("/data/op", &PathKind::Folder), 8..8);
     }
 
     #[test]

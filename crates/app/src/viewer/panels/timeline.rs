@@ -36,8 +36,7 @@ pub(crate) fn timeline_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
 /// Shows the buttons of a player. Where there is little room, those that the Time menu has, too, are left
 /// out.
 fn buttons_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
-    let is_playing = shared.playback.is_playing();
-    let frame = shared.playback.frame();
+    let (is_playing, frame) = (shared.playback.is_playing(), shared.seen_frame());
     let is_marked = shared.document.bookmarks().iter().any(|b| b.frame == frame);
     let bookmark = if is_marked { Command::DeleteBookmark } else { Command::Bookmark };
     let play = if is_playing { Icon::Pause } else { Icon::Play };

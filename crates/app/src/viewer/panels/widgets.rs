@@ -7,8 +7,12 @@ use crate::viewer::{
 };
 use egui::{
     Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, Widget, WidgetInfo,
-    WidgetText, pos2, vec2,
+    WidgetText, pos2,
+    text::{CCursor, CCursorRange},
+    text_edit::TextEditState,
+    vec2,
 };
+use std::ops::Range;
 use surgtpgs_core::palette::Palette;
 
 /// An icon that is painted on a button.
@@ -309,6 +313,15 @@ pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf
     if field.changed() {
         *path = typed.into();
     }
+}
+
+/// Gives a text field the focus, with some of its letters selected.
+pub(crate) fn focus_selecting(field: &Response, letters: Range<usize>) {
+    let mut state = TextEditState::load(&field.ctx, field.id).unwrap_or_default();
+    let range = CCursorRange::two(CCursor::new(letters.start), CCursor::new(letters.end));
+    state.cursor.set_char_range(Some(range));
+    state.store(&field.ctx, field.id);
+    field.request_focus();
 }
 
 /// Makes less important text.

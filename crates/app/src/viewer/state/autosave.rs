@@ -14,6 +14,7 @@ use crate::viewer::{
 use std::{
     fs::{File, OpenOptions, TryLockError},
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 use surgtpgs_core::{Error, Result};
 
@@ -96,6 +97,12 @@ pub(crate) struct Left {
 }
 
 impl Left {
+    /// Returns `true` if a file was written after the work was kept.
+    pub(crate) fn is_older_than(&self, file: &Path) -> bool {
+        let kept = self.place.as_ref().and_then(|place| written_at(&place.file));
+        kept.zip(written_at(file)).is_some_and(|(kept, written)| kept < written)
+    }
+
     /// Removes its file.
     fn remove(self) {
         if let Some(place) = self.place {
@@ -128,7 +135,7 @@ impl Autosave {
                 }
             }
         }
-        let time = |place: &Place| std::fs::metadata(&place.file).and_then(|m| m.modified()).ok();
+        let time = |place: &Place| written_at(&place.file);
         left.sort_by_key(|left| std::cmp::Reverse(left.place.as_ref().and_then(time)));
         // Where there is no place, another try is made once there is something to keep.
         let (place, next_id) = (Place::free(at).ok(), left.len() as LeftId);
@@ -300,6 +307,11 @@ fn lock(file: &Path) -> Result<Option<File>> {
         Err(TryLockError::WouldBlock) => Ok(None),
         Err(TryLockError::Error(e)) => Err(fault(e)),
     }
+}
+
+/// Returns the time at which a file was written last.
+fn written_at(file: &Path) -> Option<SystemTime> {
+    file.metadata().and_then(|about| about.modified()).ok()
 }
 
 fn remove(file: &Path) {

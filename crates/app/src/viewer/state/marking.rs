@@ -46,7 +46,7 @@ pub(crate) struct Marking {
     pub(crate) adds: bool,
     /// Name of the structure, as it is typed.
     pub(crate) name: String,
-    /// `true` if the field of the name is to have the focus.
+    /// `true` if the field of the name is to be seen and to have the focus, with its text selected.
     pub(crate) wants_name: bool,
     pub(crate) radius_px: f32,
     /// Prompt that was selected when the tool was put away.

@@ -20,6 +20,25 @@ pub(crate) struct Saving {
     pub(crate) is_recovery_put_off: bool,
     /// Unsaved works that are not offered again before the next start, but on the start page.
     pub(crate) for_later: Vec<LeftId>,
+    /// Kind of what could not be saved last, and the problem that says why.
+    pub(crate) failed: Option<(SavedKind, String)>,
+}
+
+/// Kind of what the user saves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SavedKind {
+    Session,
+    Marks,
+}
+
+impl SavedKind {
+    /// Returns its name in a sentence.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Session => "session",
+            Self::Marks => "marks",
+        }
+    }
 }
 
 /// A session to apply once its scene or recording is open.
@@ -55,6 +74,7 @@ impl Saving {
             autosave,
             is_recovery_put_off: false,
             for_later: Vec::new(),
+            failed: None,
         }
     }
 }

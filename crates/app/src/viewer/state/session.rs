@@ -42,6 +42,9 @@ pub(crate) struct Session {
     /// Path of the recorded frames, with links resolved; in a file, as `opened`. Absent where it was unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) sequence: Option<PathBuf>,
+    /// Session file that unsaved work belongs to; absent if there is none, and in session files themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) saved_as: Option<PathBuf>,
     #[serde(default)]
     pub(crate) content: Content,
     #[serde(default)]
@@ -103,6 +106,7 @@ impl Session {
             recording: None,
             spots: None,
             sequence: None,
+            saved_as: None,
             content: Content::default(),
             display: Display::default(),
             time: Time::default(),

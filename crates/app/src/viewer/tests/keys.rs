@@ -1,6 +1,6 @@
 //! Tests of the keyboard: which keys move, which are typed, and how they are chosen.
 
-use super::*;
+use super::{pointing::drag, *};
 
 #[test]
 fn scrubbing_keys_move_exactly_and_the_picture_follows() {
@@ -114,6 +114,67 @@ fn what_is_typed_fast_is_never_half_command_half_text() {
     let mut window = Window::on(Info { has_features: false, ..scene() });
     window.type_at_once("/fad");
     assert_eq!(state(&window), before);
+}
+
+#[test]
+fn the_name_of_what_is_marked_is_typed_at_once_wherever_the_panel_stands() {
+    const FIELD: &str = "Name of what is marked";
+    let mut window = Window::on(scene());
+    let words = ["gallbladder", "liver", "fat", "polyp", "vein", "clip", "hook", "gauze"];
+    words.into_iter().for_each(|words| window.add_prompt(words));
+    window.harness.get_by_label("Delete gauze").scroll_to_me();
+    (0..60).for_each(|_| window.harness.step());
+    let rect = |window: &Window, label: &str| window.harness.get_by_label(label).rect();
+    let top = rect(&window, "Prompt").bottom();
+    assert!(rect(&window, "Mark by hand").bottom() < top, "the panel is scrolled down");
+    let state = |window: &Window| {
+        let app = &window.harness.state().shared;
+        (app.document.mode, app.playback.frame(), app.playback.is_playing(), app.document.content().range)
+    };
+    let before = state(&window);
+    window.press(Key::S);
+    (0..60).for_each(|_| window.harness.step());
+    assert!(rect(&window, FIELD).top() >= top && window.harness.get_by_label(FIELD).is_focused());
+    assert_eq!(window.harness.get_by_label(FIELD).value().as_deref(), Some("gauze"));
+    window.type_at_once("bile");
+    assert_eq!(window.harness.state().shared.viewport.marking.name, "bile", "it takes the other's place");
+    assert_eq!(state(&window), before);
+
+    // Enter gives the keys back, and so does a stroke.
+    window.press(Key::Enter);
+    window.press(Key::ArrowRight);
+    window.until_picture(|p| p.request.view.frame == 1);
+    let names = |window: &Window| -> Vec<String> {
+        window.harness.state().shared.document.marks().all().iter().map(|mark| mark.name.clone()).collect()
+    };
+    for _ in 0..2 {
+        drag(&mut window, [0.3, 0.5], [0.6, 0.5]);
+        assert_eq!(names(&window), ["bile"]);
+        window.press_with(Modifiers::COMMAND, Key::Z);
+        assert!(names(&window).is_empty());
+        window.press(Key::S);
+        window.press(Key::S);
+        assert!(window.harness.get_by_label(FIELD).is_focused());
+    }
+}
+
+#[test]
+fn a_name_typed_fast_behind_the_key_of_the_tool_is_no_row_of_commands() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    let marking = |window: &Window| window.harness.state().shared.viewport.marking.clone();
+    let mode = |window: &Window| window.harness.state().shared.document.mode;
+    window.type_at_once("sduct\n");
+    assert!(marking(&window).is_on && marking(&window).name == "duct");
+    assert_eq!(mode(&window), ViewMode::Reconstruction);
+    window.type_at_once("sd");
+    assert!(!marking(&window).is_on, "the same key puts it away");
+    assert_eq!(mode(&window), ViewMode::Depth, "and the next one is a command");
+    window.press(Key::S);
+    for is_on in [true, false] {
+        window.press(Key::Escape);
+        assert_eq!(marking(&window).is_on, is_on, "Esc leaves the field first");
+    }
 }
 
 #[test]

@@ -311,9 +311,33 @@ fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
     window.press(Key::S);
     assert_eq!(name(&window), "gallbladder");
     window.harness.state_mut().shared.viewport.marking.name = "fat".into();
-    window.press(Key::Escape);
+    // Out of the field, and out of the hand.
+    (0..2).for_each(|_| window.press(Key::Escape));
+    assert!(!window.harness.state().shared.viewport.marking.is_on);
     window.press(Key::S);
     assert_eq!(name(&window), "fat", "nothing else was selected");
+}
+
+#[test]
+fn an_outline_around_nothing_is_not_added_and_the_window_says_so() {
+    const SAID: &str = "This outline encloses nothing: draw around the structure";
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    window.harness.state_mut().shared.viewport.marking.tool = Tool::Outline;
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.until_shown(SAID);
+    // Less than half a pixel high, around the centres of some.
+    window.harness.state_mut().shared.toast = None;
+    [[0.2, 0.5125], [0.6, 0.5125]].into_iter().for_each(|corner| click_at(&mut window, corner));
+    drag(&mut window, [0.4, 0.53], [0.42, 0.53]);
+    window.until_shown(SAID);
+    assert!(marks(&window).is_empty() && texts(&window).is_empty());
+    assert_eq!(window.harness.state().shared.viewport.marking.draft, None);
+    window.harness.state_mut().shared.toast = None;
+    [[0.2, 0.2], [0.6, 0.2]].into_iter().for_each(|corner| click_at(&mut window, corner));
+    drag(&mut window, [0.6, 0.6], [0.4, 0.6]);
+    assert_eq!(marks(&window).len(), 1);
+    assert!(!window.shows(SAID));
 }
 
 #[test]

@@ -165,6 +165,33 @@ fn with_the_stop_key_held_j_and_l_are_single_steps() {
     assert!(window.harness.state().shared.playback.is_playing());
 }
 
+/// Plays, and lets the clock run ahead of the pictures, as on a slow machine.
+fn lagging() -> Window {
+    let mut window = Window::on(scene());
+    window.press(Key::Space);
+    let now = window.harness.ctx.input(|i| i.time);
+    window.harness.state_mut().shared.playback.seek(40, now);
+    window
+}
+
+#[test]
+fn what_stops_or_marks_a_frame_goes_by_the_picture_that_is_seen() {
+    for (key, by) in [(Key::Space, 0), (Key::K, 0), (Key::ArrowRight, 1)] {
+        let mut window = lagging();
+        window.press(key);
+        assert!(!window.harness.state().shared.playback.is_playing(), "{key:?}");
+        assert!((by..by + 4).contains(&window.frame()), "{key:?} stops on frame {}", window.frame());
+    }
+    let mut window = lagging();
+    window.press(Key::M);
+    let app = &window.harness.state().shared;
+    assert!(app.playback.is_playing() && app.document.bookmarks()[0].frame < 4);
+    let mut window = lagging();
+    window.press(Key::I);
+    let range = window.harness.state().shared.document.content().range;
+    assert!(range.is_some_and(|(first, last)| first < 4 && last == FRAMES - 1), "{range:?}");
+}
+
 #[test]
 fn every_key_of_the_map_is_a_command() {
     use crate::viewer::{command::keys::find, state::preferences::Keymap};
@@ -330,6 +357,19 @@ fn phases_are_named_kept_with_the_session_and_read_back() {
     let session = window.harness.state().shared.session().unwrap();
     let text = serde_json::to_string(&session).unwrap();
     assert!(text.contains(r#""phases":[{"name":"Preparation","first":3,"last":12}]"#), "{text}");
+}
+
+#[test]
+fn the_name_of_a_phase_is_typed_at_once() {
+    let mut window = Window::on(scene());
+    window.press_with(Modifiers::SHIFT, Key::P);
+    (0..3).for_each(|_| window.harness.step());
+    assert!(window.harness.get_by_label("Name of the phase").is_focused());
+    window.harness.event(egui::Event::Text("Preparation".into()));
+    window.harness.step();
+    window.press(Key::Enter);
+    let phases = window.harness.state().shared.document.phases();
+    assert_eq!(phases.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["Preparation"]);
 }
 
 #[test]

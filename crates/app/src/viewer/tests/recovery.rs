@@ -6,6 +6,7 @@ use super::{
     *,
 };
 use crate::viewer::state::session::Session;
+use std::time::{Duration, SystemTime};
 use surgtpgs_core::marks::Shape;
 
 /// A recording whose frames are known.
@@ -24,6 +25,76 @@ fn mark(window: &mut Window, frame: usize) {
 /// Returns the frames that are marked.
 fn marked(app: &Shared) -> Vec<usize> {
     app.document.marks().frames().into_iter().collect()
+}
+
+/// A recording beside which sessions are saved.
+fn beside(folder: &Path) -> Info {
+    Info { output_folder: folder.into(), ..recording() }
+}
+
+/// Saves a session with a bookmark, and leaves another bookmark unsaved. Returns the file of the session.
+fn saved_and_left(folder: &Path) -> PathBuf {
+    let (file, unsaved) = (folder.join("clip.surgtpgs"), folder.join("unsaved"));
+    let mut window = keeping_on(beside(folder), &unsaved);
+    open(&mut window, Path::new("/data/clip.mp4"));
+    window.press(Key::M);
+    window.harness.state_mut().shared.write_session(&file, 0.0);
+    window.press(Key::ArrowRight);
+    window.press(Key::M);
+    let kept = unsaved.join("0.surgtpgs");
+    window.until(|_| Session::load(&kept).is_ok_and(|kept| kept.content.bookmarks.len() == 2));
+    file
+}
+
+#[test]
+fn saved_work_comes_back_when_later_work_is_declined() {
+    for answer in ["Discard", "Ask again next time"] {
+        let folder = tempfile::tempdir().unwrap();
+        let file = saved_and_left(folder.path());
+        let mut window = keeping_on(beside(folder.path()), &folder.path().join("unsaved"));
+        open(&mut window, Path::new("/data/clip.mp4"));
+        window.until_shown("Your last work was not saved");
+        assert!(window.harness.state().shared.document.bookmarks().is_empty(), "it is not decided yet");
+        window.click(answer);
+        window.until_shown("Your saved work on this recording is back: clip.surgtpgs");
+        let app = &window.harness.state().shared;
+        assert_eq!((app.document.bookmarks().len(), &app.saving.saved.file), (1, &Some(file)), "{answer}");
+        assert!(!window.shows("Your last work was not saved") && !app.is_unsaved());
+    }
+}
+
+#[test]
+fn restored_work_is_saved_in_the_session_that_it_belongs_to() {
+    let written = |file: &Path, at: SystemTime| {
+        std::fs::File::options().write(true).open(file).unwrap().set_modified(at).unwrap();
+    };
+    for (change, is_its) in [("none", true), ("gone", false), ("saved since", false), ("another", false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let file = saved_and_left(folder.path());
+        match change {
+            "gone" => std::fs::remove_file(&file).unwrap(),
+            "saved since" => written(&file, SystemTime::now() + Duration::from_secs(60)),
+            "another" => {
+                bookmarked("/data/other.mp4", 1).save(&file).unwrap();
+                written(&file, SystemTime::UNIX_EPOCH);
+            }
+            _ => {}
+        }
+        let mut window = keeping_on(beside(folder.path()), &folder.path().join("unsaved"));
+        open(&mut window, Path::new("/data/clip.mp4"));
+        window.until_shown("Your last work was not saved");
+        window.click("Restore");
+        window.until(|app| app.saving.to_apply.is_none() && app.document.bookmarks().len() == 2);
+        let app = &window.harness.state().shared;
+        assert_eq!(app.saving.saved.file, is_its.then(|| file.clone()), "{change}");
+        assert!(app.is_unsaved());
+        if is_its {
+            window.press_with(Modifiers::COMMAND, Key::S);
+            assert!(!window.harness.state().shared.is_unsaved());
+            assert_eq!(Session::load(&file).unwrap().content.bookmarks.len(), 2);
+            assert!(!std::fs::read_to_string(&file).unwrap().contains("saved_as"), "it does not name itself");
+        }
+    }
 }
 
 #[test]

@@ -155,6 +155,30 @@ fn work_that_cannot_be_kept_is_said_with_what_to_do() {
 }
 
 #[test]
+fn a_save_that_failed_is_a_problem_until_one_succeeds() {
+    let folder = tempfile::tempdir().unwrap();
+    let no_folder = folder.path().join("file");
+    std::fs::write(&no_folder, "no folder").unwrap();
+    let (bad, good) = (no_folder.join("review.surgtpgs"), folder.path().join("review.surgtpgs"));
+    let mut window = Window::on(scene());
+    window.press(Key::M);
+    window.harness.state_mut().shared.write_session(&bad, 0.0);
+    (0..2).for_each(|_| window.harness.step());
+    assert!(window.shows(&format!("The session could not be written into {}", no_folder.display())));
+    assert!(window.shows("Save the session in another folder."));
+    let shared = &mut window.harness.state_mut().shared;
+    shared.write_session(&good, 0.0);
+    assert_eq!(shared.problem, None);
+    shared.write_session(&bad, 0.0);
+    shared.problem = Some("something else".into());
+    shared.write_session(&good, 0.0);
+    assert_eq!(shared.problem.as_deref(), Some("something else"));
+    shared.write_marks(&bad, 0.0);
+    shared.write_session(&good, 0.0);
+    assert!(shared.problem.as_ref().is_some_and(|problem| problem.starts_with("The marks could not be")));
+}
+
+#[test]
 fn what_was_left_can_be_discarded_or_put_off() {
     let folder = tempfile::tempdir().unwrap();
     Session::new("/data/clip.safetensors".into()).save(&folder.path().join("0.surgtpgs")).unwrap();

@@ -125,6 +125,32 @@ fn a_session_can_be_saved_without_a_file_dialog_and_the_window_says_where() {
 }
 
 #[test]
+fn a_path_is_typed_as_soon_as_the_window_asks_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..scene() });
+    window.add_prompt("liver");
+    let ask = |window: &mut Window, key| {
+        window.press_with(Modifiers::COMMAND, key);
+        window.until(|app| app.opening.asked.is_some());
+        (0..3).for_each(|_| window.harness.step());
+        assert!(window.harness.get_by_label("Path").is_focused());
+    };
+    let type_text = |window: &mut Window, text: &str| {
+        window.harness.event(egui::Event::Text(text.into()));
+        (0..2).for_each(|_| window.harness.step());
+    };
+    ask(&mut window, Key::S);
+    type_text(&mut window, "review");
+    window.press(Key::Enter);
+    window.until_shown("Saved as review.surgtpgs");
+    assert!(Session::load(&folder.path().join("review.surgtpgs")).is_ok());
+    ask(&mut window, Key::O);
+    type_text(&mut window, "/own.mp4");
+    let typed = window.harness.get_by_label("Path").value();
+    assert_eq!(typed.as_deref(), Some("/data/own.mp4"), "behind the folder");
+}
+
+#[test]
 fn a_session_is_not_saved_over_a_file_that_the_dialog_did_not_ask_about() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("op.2024.surgtpgs");
@@ -141,6 +167,7 @@ fn a_session_is_not_saved_over_a_file_that_the_dialog_did_not_ask_about() {
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "of yesterday");
     save_as(&mut window, "op.2024.surgtpgs");
     assert!(Session::load(&file).is_ok(), "the dialog asked about this name");
+    assert_eq!(window.harness.state().shared.problem, None, "it is saved after all");
     save_as(&mut window, "op.2024");
     assert!(window.shows("Saved as op.2024.surgtpgs"), "it is the session's own file");
 }

@@ -45,6 +45,40 @@ impl Shared {
         }
     }
 
+    /// Returns the frame that is seen: while it plays, that of the picture on the screen, which may lag
+    /// behind the clock. Nothing is seen of a frame that is left out.
+    pub(crate) fn seen_frame(&self) -> usize {
+        let shown = self.picture().map(|picture| picture.request.view.frame);
+        let is_seen = |frame: &usize| self.playback.is_playing() && !self.document.is_excluded(*frame);
+        shown.filter(is_seen).unwrap_or(self.playback.frame())
+    }
+
+    /// Goes to the frame that is seen. If it plays, it goes on from there.
+    pub(crate) fn go_to_seen(&mut self, now: f64) {
+        let frame = self.seen_frame();
+        if frame != self.playback.frame() {
+            self.playback.seek(frame, now);
+        }
+    }
+
+    /// Stops on the frame that is seen.
+    pub(crate) fn pause(&mut self, now: f64) {
+        self.go_to_seen(now);
+        self.playback.pause();
+    }
+
+    /// Stops on the frame that is seen, or plays.
+    pub(crate) fn play_or_pause(&mut self, now: f64) {
+        self.go_to_seen(now);
+        self.playback.toggle(now);
+    }
+
+    /// Stops, and moves by `frames` from the frame that is seen.
+    pub(crate) fn step(&mut self, frames: isize, now: f64) {
+        self.go_to_seen(now);
+        self.playback.step(frames);
+    }
+
     /// Adds a prompt and remembers its words.
     pub(crate) fn add_prompt(&mut self, text: &str) {
         self.document.add(text);

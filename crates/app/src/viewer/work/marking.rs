@@ -6,7 +6,10 @@ use crate::viewer::{
         task::{Task, TaskEvent},
     },
     shared::Shared,
-    state::marks::{MarkList, canvas},
+    state::{
+        marks::{MarkList, canvas},
+        saving::SavedKind,
+    },
 };
 use egui::Context;
 use std::path::Path;
@@ -80,21 +83,21 @@ impl Shared {
         let marking = &mut self.viewport.marking;
         if std::mem::take(&mut marking.is_on) {
             (marking.draft, marking.put_away_at) = (None, self.document.selected);
+            marking.wants_name = false;
         }
     }
 
     /// Takes the tool for marking in hand. A prompt that was selected since it was put away is what is
-    /// marked.
+    /// marked, unless another name is typed.
     pub(crate) fn take_marking(&mut self) {
         let selected = self.document.selected.and_then(|id| self.document.prompt(id));
         let name = selected.filter(|p| p.like.is_none()).map(|p| p.text.clone());
         let marking = &mut self.viewport.marking;
         let is_new = marking.name.is_empty() || self.document.selected != marking.put_away_at;
-        (marking.is_on, marking.draft) = (true, None);
+        (marking.is_on, marking.draft, marking.wants_name) = (true, None, true);
         if let Some(name) = name.filter(|_| is_new) {
             marking.name = name;
         }
-        marking.wants_name = marking.name.is_empty();
         (self.viewport.has_ruler, self.viewport.probe) = (false, None);
         if !self.document.look.orbit.is_home() {
             self.document.reset_look();
@@ -113,7 +116,7 @@ impl Shared {
         let Some(info) = self.info() else { return };
         let marks = Marks::new(self.document.marks().all().to_vec(), &canvas(info));
         let written = marks.and_then(|marks| write_whole(file, marks.to_text()?.as_bytes()));
-        if self.settle(written).is_some() {
+        if self.settle_saving(SavedKind::Marks, file, written) {
             let name = file.file_name().unwrap_or_default().to_string_lossy();
             self.say(format!("Marks saved as {name}"), None, now);
         }

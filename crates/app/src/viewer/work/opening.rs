@@ -14,7 +14,7 @@ use crate::viewer::{
         opening::Underway,
         playback::Playback,
         reconstruction::ImportCheck,
-        saving::{Origin, Saved, ToApply},
+        saving::{Origin, Saved, SavedKind, ToApply},
         session::Session,
         view_mode::ViewMode,
         zoom::Zoom,
@@ -91,7 +91,8 @@ impl Shared {
         let file = kind.completed(path);
         let is_agreed = file == path || self.saving.saved.file.as_ref() == Some(&file);
         match (taken(&file).filter(|_| !is_agreed), kind) {
-            (Some(why), _) => self.problem = Some(why),
+            (Some(why), PathKind::SaveMarks(_)) => self.refuse_saving(SavedKind::Marks, why),
+            (Some(why), _) => self.refuse_saving(SavedKind::Session, why),
             (None, PathKind::SaveMarks(_)) => self.write_marks(&file, now),
             (None, _) => self.write_session(&file, now),
         }
@@ -194,13 +195,12 @@ impl Shared {
         });
         let is_asked = self.saving.to_apply.is_some();
         let is_back = !is_asked && self.bring_back();
-        let saved = if is_asked || is_back { None } else { self.bring_saved() };
         self.apply_session(0.0);
         let now = ctx.input(|i| i.time);
         if is_back {
             self.say("Your work on this recording is back", None, now);
-        } else if let Some(name) = saved {
-            self.say(format!("Your saved work on this recording is back: {name}"), None, now);
+        } else if !is_asked {
+            self.bring_saved(now);
         }
         let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
         if let Some(request) = request.filter(|r| !self.reconstruction.is_planned(&r.recording)) {

@@ -1,24 +1,34 @@
 //! Sessions: saved where the user chooses, and kept automatically until then.
 
 use crate::viewer::{
-    backend::paths::{PathAsk, PathKind, free_path},
+    backend::{
+        Info,
+        paths::{PathAsk, PathKind, free_path},
+    },
+    remedy::message,
     shared::Shared,
     state::{
-        autosave::LeftId,
+        autosave::{Left, LeftId},
         content::Content,
         marks::canvas,
-        saving::{Origin, Saved, ToApply},
+        saving::{Origin, Saved, SavedKind, ToApply},
         session::{self, Display, Session, Time},
     },
+    text::sentence,
 };
 use egui::Context;
-use std::path::{Path, PathBuf};
+use std::{
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+use surgtpgs_core::{Error, Result, files::absolute_path};
 
 impl Shared {
     /// Returns the session of the present state; `None` while nothing is open.
     pub(crate) fn session(&self) -> Option<Session> {
         let info = self.info()?;
         let document = &self.document;
+        let file = self.saving.saved.file.as_deref().map(absolute_path);
         Some(Session {
             content: document.content().clone(),
             display: Display {
@@ -38,6 +48,8 @@ impl Shared {
             recording: info.frames_sha256.clone(),
             spots: info.spots_sha256.clone(),
             sequence: info.sequence.clone(),
+            // Other names cannot be written.
+            saved_as: file.filter(|file| file.to_str().is_some()),
             ..Session::new(info.path.clone())
         })
     }
@@ -96,21 +108,46 @@ impl Shared {
         brings
     }
 
-    /// Takes the session that was saved last beside what is open, if nothing is decided yet, to apply it.
-    /// Returns its name.
-    pub(crate) fn bring_saved(&mut self) -> Option<String> {
-        let is_free = self.is_untouched();
-        let info = self.open.as_ref().map(|open| &open.info);
-        let info = info.filter(|info| is_free && info.frames_sha256.is_some())?;
-        let (file, session) = Session::newest_in(&info.output_folder, info)?;
-        let left = self.saving.autosave.recall(info);
-        if left.is_some_and(|left| !left.session.is_of_other_frames(info)) {
-            // There is later work, which is offered.
-            return None;
-        }
+    /// Applies the session that was saved last beside what is open, and says so: if nothing is decided yet,
+    /// and no later work is offered.
+    pub(crate) fn bring_saved(&mut self, now: f64) {
+        let is_free = self.is_untouched() && !self.is_later_work_offered();
+        let Some(info) = self.info().filter(|info| is_free && info.frames_sha256.is_some()) else { return };
+        let Some((file, session)) = Session::newest_in(&info.output_folder, info) else { return };
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.saving.to_apply = Some(ToApply { session, origin: Origin::File(file) });
-        Some(name)
+        self.apply_session(now);
+        self.say(format!("Your saved work on this recording is back: {name}"), None, now);
+    }
+
+    /// Returns `true` if there is unsaved work on the frames of what is open, and it is not put off.
+    fn is_later_work_offered(&self) -> bool {
+        let Some(info) = self.info() else { return false };
+        let is_on_these = |left: &Left| left.session.is_about(info) && !left.session.is_of_other_frames(info);
+        let is_offered = |left: &Left| !self.saving.for_later.contains(&left.id) && is_on_these(left);
+        self.saving.autosave.left.iter().any(is_offered)
+    }
+
+    /// Forgets unsaved work for good. If it was about what is open, what was saved comes back.
+    pub(crate) fn discard(&mut self, id: LeftId, now: f64) {
+        self.saving.autosave.discard(id);
+        self.bring_saved(now);
+    }
+
+    /// Offers unsaved work again at the next start. If it was about what is open, what was saved comes back.
+    pub(crate) fn restore_later(&mut self, id: LeftId, now: f64) {
+        self.saving.for_later.push(id);
+        self.bring_saved(now);
+    }
+
+    /// Returns the session file that unsaved work belongs to, and its content; `None` if it is not there any
+    /// more, is about something else, or was saved after the work was kept.
+    fn file_of(&self, id: LeftId, info: &Info) -> Option<(PathBuf, Content)> {
+        let left = self.saving.autosave.left(id)?;
+        let file = left.session.saved_as.clone().filter(|file| !left.is_older_than(file))?;
+        let saved = Session::load(&file).ok()?;
+        let is_its = saved.is_about(info) && !saved.is_of_other_frames(info);
+        is_its.then_some((file, saved.content))
     }
 
     /// Applies a session whose scene or recording has just been opened.
@@ -118,9 +155,9 @@ impl Shared {
         let Some(ToApply { session, origin }) = self.saving.to_apply.take() else { return };
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
         let is_of_other_frames = session.is_of_other_frames(&info);
-        let file = match origin {
+        let saved = match origin {
             // What does not fit is lost here, so that it must not be saved over the file.
-            Origin::File(file) => Some(file).filter(|_| !is_of_other_frames),
+            Origin::File(file) => Some((file, session.content.clone())).filter(|_| !is_of_other_frames),
             Origin::Left(id) if is_of_other_frames => {
                 // Nor must it replace the work itself, which stays with its frames.
                 self.saving.autosave.make_own(id);
@@ -128,14 +165,14 @@ impl Shared {
                 None
             }
             Origin::Left(id) => {
+                let saved = self.file_of(id, &info);
                 self.saving.autosave.adopt(id);
-                None
+                saved
             }
         };
         let Session { content, display, time, earlier_prompts, unknown, .. } = session;
         let count = |content: &Content| content.marks.all().len() + content.bookmarks.len();
         let count_before = count(&content);
-        let saved = if file.is_some() { content.clone() } else { Content::default() };
         let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
         let canvas = canvas(&info);
         let marks = content.marks.kept(|mark| mark.fits(&canvas));
@@ -153,7 +190,8 @@ impl Shared {
         self.playback.restore(time.speed, time.repeats, now);
         self.playback.seek(time.frame, now);
         self.prompt_box.earlier = earlier_prompts;
-        self.saving.saved = Saved { file, content: saved, unknown };
+        let (file, content) = saved.unzip();
+        self.saving.saved = Saved { file, content: content.unwrap_or_default(), unknown };
     }
 
     /// Returns `true` if there are decisions that no session file has.
@@ -176,14 +214,35 @@ impl Shared {
     /// Writes the session file.
     pub(crate) fn write_session(&mut self, file: &Path, now: f64) {
         let Some(session) = self.session() else { return };
+        // A file does not name itself.
+        let session = Session { saved_as: None, ..session };
         let saved = session.save(file);
-        if self.settle(saved).is_some() {
+        if self.settle_saving(SavedKind::Session, file, saved) {
             self.saving.saved.file = Some(file.to_owned());
             self.saving.saved.content = session.content;
             self.preferences.remember(file);
             let name = file.file_name().unwrap_or_default().to_string_lossy();
             self.say(format!("Saved as {name}"), None, now);
         }
+    }
+
+    /// Takes the result of writing what the user saves; returns `true` if it is written. Then an earlier
+    /// failure is no problem any more.
+    pub(crate) fn settle_saving(&mut self, kind: SavedKind, file: &Path, written: Result<()>) -> bool {
+        if let Err(e) = written {
+            self.refuse_saving(kind, not_written(kind, file, &e));
+            return false;
+        }
+        if let Some((_, why)) = self.saving.failed.take_if(|(failed, _)| *failed == kind) {
+            self.problem.take_if(|problem| *problem == why);
+        }
+        true
+    }
+
+    /// Shows why something was not saved, at most until it is.
+    pub(crate) fn refuse_saving(&mut self, kind: SavedKind, why: String) {
+        self.saving.failed = Some((kind, why.clone()));
+        self.problem = Some(why);
     }
 
     /// Keeps unsaved work automatically, so that it cannot be lost.
@@ -278,9 +337,56 @@ fn hint(ToApply { session, origin }: &ToApply) -> String {
     }
 }
 
+/// Says why something was not saved, and what to do.
+fn not_written(kind: SavedKind, file: &Path, error: &Error) -> String {
+    let Error::Io { source, .. } = error else { return message(error) };
+    let (file, what) = (absolute_path(file), kind.name());
+    let folder = file.parent().unwrap_or(&file).display();
+    let elsewhere = format!("save the {what} in another folder");
+    match source.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            format!("SurgTPGS may not write into {folder}: {elsewhere}.")
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            format!("There is no room left in {folder}: make some, or {elsewhere}.")
+        }
+        _ => {
+            let why = source.to_string();
+            // The name of a temporary file may follow, which means nothing to anybody.
+            let why = why.split(" at path ").next().unwrap_or_default();
+            format!("The {what} could not be written into {folder}: {why}. {}.", sentence(&elsewhere))
+        }
+    }
+}
+
 /// Says that a session was made on other frames, and if some of its content was left out.
 fn other_frames(lacks_some: bool) -> String {
     let what = "The recording is not as it was when this session was saved: its frames are other ones.";
     let lost = if lacks_some { " Marks or bookmarks that do not fit it were left out." } else { "" };
     format!("{what}{lost} Check that marks and bookmarks are where they belong.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_not_written_names_the_folder_and_what_to_do() {
+        let said = |kind, cause: std::io::Error| {
+            not_written(kind, Path::new("/sys/a.json"), &Error::io("write the file", "/sys/a.json", cause))
+        };
+        for (cause, expected) in [
+            (ErrorKind::PermissionDenied, "SurgTPGS may not write into /sys: "),
+            (ErrorKind::StorageFull, "There is no room left in /sys: make some, or "),
+        ] {
+            let said = said(SavedKind::Session, cause.into());
+            assert_eq!(said, format!("{expected}save the session in another folder."));
+        }
+        let cause = std::io::Error::other("it broke at path \"/sys/.part-cQjvFa\"");
+        let expected = "The marks could not be written into /sys: it broke.";
+        assert_eq!(said(SavedKind::Marks, cause), format!("{expected} Save the marks in another folder."));
+        let other = Error::input("it is no ordinary file", "Choose another name.");
+        let said = not_written(SavedKind::Session, Path::new("/sys/a"), &other);
+        assert_eq!(said, "it is no ordinary file. Choose another name.");
+    }
 }
