@@ -200,7 +200,7 @@ fn bad_text_encoders_are_refused() {
 
 #[test]
 fn prompts_must_have_words() {
-    flow().run(&["query", "scene.safetensors", "--prompt", "  "]).refused(1);
+    flow().run(&["query", "scene.safetensors", "--prompt", "  "]).refused(2);
 }
 
 #[test]
