@@ -189,10 +189,11 @@ fn query_speaks_csv_and_plain_words() {
     let csv =
         flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();
     let lines: Vec<&str> = csv.stdout.lines().collect();
-    let columns = "prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest,needs_mark";
+    let columns =
+        "prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest,needs_mark,not_understood";
     assert_eq!(lines[0], columns);
     assert!(lines.len() == 3 && lines[1].starts_with("\"liver\",2,"), "{lines:?}");
-    assert!(lines[1].ends_with(",false"), "{lines:?}");
+    assert!(lines[1].ends_with(",false,false"), "{lines:?}");
     let text = flow().run(&["query", "scene.safetensors", "--prompt", "spaceship"]).ok();
     assert!(text.stdout.contains("not in this recording"), "{}", text.stdout);
 }

@@ -241,11 +241,12 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
         completes_same,
     };
     let num_shown = request.frames.iter().filter(|f| engine.scene().shows_frame(**f)).count();
+    let num_written = jobs::num_written(&mut engine, &request)?;
     say(&format!(
         "exporting {} frames, {} prompts, {} files to {}",
         request.frames.len(),
-        request.questions.len(),
-        num_files(&request.options.formats, num_shown, request.questions.len()),
+        num_written,
+        num_files(&request.options.formats, num_shown, num_written),
         args.output.display()
     ));
     console::watch_interrupts();

@@ -119,6 +119,7 @@ impl Run for PrepareArgs {
     fn run(&self) -> Result<Exit> {
         let sequence = Sequence::open_with(&self.sequence, self.labels_from.as_deref(), &self.hide.hide)?;
         require_for(&Work::Reading(&sequence))?;
+        sequence.cautions().iter().for_each(|caution| say(&format!("note: {caution}")));
         if Prepared::is_unfinished(&self.output) {
             say("going on with an unfinished preparation");
         }

@@ -109,14 +109,17 @@ fn as_text(answers: &Answers) -> String {
     answers.prompts.iter().map(line).chain(look_here).collect()
 }
 
+/// Columns of the report as CSV.
+const COLUMNS: &str =
+    "prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest,needs_mark,not_understood";
+
 fn as_csv(answers: &Answers) -> String {
-    let mut text =
-        String::from("prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest,needs_mark\n");
+    let mut text = format!("{COLUMNS}\n");
     for prompt in &answers.prompts {
         let name = quoted(&prompt.text);
         for f in &prompt.frames {
             text += &format!(
-                "{name},{},{},{},{},{},{},{},{},{}\n",
+                "{name},{},{},{},{},{},{},{},{},{},{}\n",
                 f.frame,
                 f.found,
                 cell(f.area_px),
@@ -125,7 +128,8 @@ fn as_csv(answers: &Answers) -> String {
                 f.source.as_deref().map_or(String::new(), quoted),
                 f.answer.name(),
                 f.nearest.as_deref().map_or(String::new(), quoted),
-                prompt.needs_mark
+                prompt.needs_mark,
+                prompt.not_understood
             );
         }
     }
@@ -140,4 +144,25 @@ fn cell(number: Option<impl ToString>) -> String {
 /// Returns a CSV field in quotes.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{Negatives, Question, asking_tests::unfinished_engine};
+
+    #[test]
+    fn the_table_tells_words_that_are_not_understood_from_absent_ones() {
+        let mut engine = unfinished_engine();
+        let negatives = Negatives::of(engine.settings());
+        let questions = ["liver", "spleen", "Leber"].map(|words| Question::words(words, negatives.clone()));
+        let table = as_csv(&ask(&mut engine, &questions, &[0]).unwrap());
+        let column = |name: &str| -> Vec<&str> {
+            let at = COLUMNS.split(',').position(|column| column == name).unwrap();
+            table.lines().skip(1).map(|line| line.split(',').nth(at).unwrap()).collect()
+        };
+        assert_eq!(column("answer"), ["found", "absent", "absent"], "{table}");
+        assert_eq!(column("not_understood"), ["false", "false", "true"], "{table}");
+        assert_eq!(column("needs_mark"), ["false"; 3], "{table}");
+    }
 }

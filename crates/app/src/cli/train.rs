@@ -166,7 +166,7 @@ pub(super) struct TrainReport {
     psnr_db: Option<f64>,
     held_out: bool,
     dropped_steps: usize,
-    /// Reasons why the scene is worse than it could be.
+    /// Reasons why the scene is worse than it could be, and what to know of the recording.
     warnings: Vec<String>,
     pub(super) finished: bool,
 }
@@ -201,8 +201,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
     require_for(&Work::Training(material.sequence(), &args.settings()))?;
-    let warning = args.settings().length_warning(material.sequence().num_frames());
-    warning.iter().for_each(|warning| say(&format!("note: {warning}")));
+    let length_warning = args.settings().length_warning(material.sequence().num_frames());
+    let warnings = [material.sequence().cautions(), length_warning.as_slice()].concat();
+    warnings.iter().for_each(|warning| say(&format!("note: {warning}")));
     let place = Place { scene: output.path(), checkpoint: &checkpoint };
     let mut report = match begin(args, &material, &place)? {
         Begun::Whole(trainer) => train_whole(args, *trainer, &place, &output)?,
@@ -210,7 +211,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
             train_chapters(args, &material, *settings, plan, &place, &output)?
         }
     };
-    report.warnings.extend(warning);
+    report.warnings.extend(warnings);
     if report.finished {
         jobs::remove_file(&checkpoint)?;
         jobs::remove_chapters(output.path())?;

@@ -124,6 +124,12 @@ pub fn export(
     Ok(summary)
 }
 
+/// Returns the number of questions that an export writes something for; the engine has its marks already, and
+/// keeps those questions.
+pub fn num_written(engine: &mut Engine, request: &ExportRequest) -> Result<usize> {
+    Ok(Chosen::of(engine, request)?.written.len())
+}
+
 /// The prompts that are written, which the engine is asked, and those that are not.
 struct Chosen {
     encoder: EncoderIdentity,
@@ -146,17 +152,17 @@ impl Chosen {
             let words = asked.question.text.trim().to_owned();
             let is_nearest = asked.question.shows_nearest || request.options.nearest;
             match &answer.nearest {
-                _ if answer.may_be_found(asked.threshold) => chosen.written.push((asked.clone(), None)),
-                Some(class) if is_nearest => {
+                nearest if !answer.is_exported(asked.threshold, is_nearest) => {
+                    let (nearest, why) = (nearest.clone(), answer.why.clone());
+                    chosen.left_out.push(LeftOut { text: words, nearest, why });
+                }
+                Some(class) if !answer.may_be_found(asked.threshold) => {
                     let question = Question { shows_nearest: true, ..asked.question.clone() };
                     let text = class.clone();
                     let nearest = ExportQuestion { question: Question { text, ..question }, ..asked.clone() };
                     chosen.written.push((nearest, Some(words)));
                 }
-                nearest => {
-                    let (nearest, why) = (nearest.clone(), answer.why.clone());
-                    chosen.left_out.push(LeftOut { text: words, nearest, why });
-                }
+                _ => chosen.written.push((asked.clone(), None)),
             }
         }
         let questions: Vec<Question> =
@@ -290,6 +296,7 @@ mod tests {
     };
     use std::sync::Arc;
     use surgtpgs_core::{
+        export::num_files,
         mask::CleanUp,
         progress::unobserved,
         scene::{Chapter, Scene},
@@ -336,24 +343,42 @@ mod tests {
         }
     }
 
+    /// Asks for two frames in `folder`, beside the scene.
+    fn request(engine: &Engine, folder: &Path, words: &[&str], formats: &[Format]) -> ExportRequest {
+        let question = |words: &&str| Question::words(*words, Negatives::of(engine.settings()));
+        ExportRequest {
+            scene: folder.join("scene.safetensors"),
+            folder: folder.join("out"),
+            frames: vec![0, 1],
+            questions: ExportQuestion::with_standard_look(words.iter().map(question).collect(), 0.5),
+            marks: Vec::new(),
+            options: ExportOptions { formats: formats.to_vec(), ..Default::default() },
+            replace: true,
+            completes_same: false,
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_is_not_counted() {
+        let mut engine = unfinished_engine();
+        let folder = tempfile::tempdir().unwrap();
+        engine.scene().save(&folder.path().join("scene.safetensors")).unwrap();
+        for (words, expected) in [(&["liver", "spleen", "Leber"][..], 1), (&["Leber"][..], 0)] {
+            let request = request(&engine, folder.path(), words, &[Format::Binary]);
+            assert_eq!(num_written(&mut engine, &request).unwrap(), expected, "{words:?}");
+            let summary = export(&mut engine, &request, &mut unobserved).unwrap();
+            assert_eq!(summary.files, num_files(&[Format::Binary], 2, expected), "{words:?}");
+            assert_eq!(summary.left_out.len(), words.len() - expected, "{words:?}");
+        }
+    }
+
     #[test]
     fn what_shows_no_picture_needs_no_recording() {
         let mut engine = unfinished_engine();
         let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("scene.safetensors");
-        engine.scene().save(&scene).unwrap();
+        engine.scene().save(&folder.path().join("scene.safetensors")).unwrap();
         let mut written = |formats: &[Format]| {
-            let question = Question::words("liver", Negatives::of(engine.settings()));
-            let request = ExportRequest {
-                scene: scene.clone(),
-                folder: folder.path().join("out"),
-                frames: vec![0, 1],
-                questions: ExportQuestion::with_standard_look(vec![question], 0.5),
-                marks: Vec::new(),
-                options: ExportOptions { formats: formats.to_vec(), ..Default::default() },
-                replace: true,
-                completes_same: false,
-            };
+            let request = request(&engine, folder.path(), &["liver"], formats);
             export(&mut engine, &request, &mut unobserved)
         };
         assert_eq!(written(&[Format::Binary, Format::Csv]).unwrap().files, 3);

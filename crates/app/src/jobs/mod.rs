@@ -19,7 +19,7 @@ pub use chapters::{
 };
 pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
-pub use export::{ExportQuestion, ExportRequest, export};
+pub use export::{ExportQuestion, ExportRequest, export, num_written};
 pub use material::Material;
 pub use prepare::{FeatureSource, PrepareOptions, faults_of_models, prepare, prepare_folder};
 pub use surgtpgs_core::progress::{Observer, Progress};

@@ -130,11 +130,11 @@ impl Shared {
             }
             Action::GoTo(frame) => {
                 self.playback.pause();
-                self.playback.seek(frame, now);
+                self.playback.go_to(frame, now);
             }
             Action::Scrub(frame) => {
                 self.playback.pause();
-                self.playback.seek(frame, now);
+                self.playback.go_to(frame, now);
                 self.viewport.is_moving = true;
             }
             Action::TimeSpan(span) => {

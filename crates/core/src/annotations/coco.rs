@@ -3,7 +3,7 @@
 use super::{
     Annotation, Canvas, RunsEntry, Shape,
     images::{Clue, Place, places},
-    last_part, stem,
+    names::{FrameNames, last_part, stem},
 };
 use crate::{Error, Result};
 use serde::de::IgnoredAny;
@@ -80,18 +80,17 @@ impl Image {
         (self.frame, self.source.as_deref(), self.file_name.as_deref())
     }
 
-    /// Returns what tells its frame. A number comes before the name of the file, which in our own files
-    /// counts exported frames.
-    fn clue(&self, canvas: &Canvas) -> Clue<'_> {
-        match self.named() {
-            (number, Some(source), _) => Clue::of(source, &[source], number, canvas),
-            (Some(number), None, name) => {
-                let own = format!("frame_{number:06}");
-                let name = name.filter(|name| stem(last_part(name)) != own);
-                name.map_or(Clue::NONE, |name| Clue::of(name, &[name], None, canvas)).numbered(number)
+    /// Returns what tells its frame. The names of files count exported frames in our own.
+    fn clue(&self, frames: &FrameNames<'_>) -> Clue<'_> {
+        let (number, source, file) = self.named();
+        let own = number.map(|number| format!("frame_{number:06}"));
+        match (source, file) {
+            (Some(source), file) => Clue::of(source, &[source], number, frames).in_file(file),
+            (None, Some(file)) if own.as_deref() == Some(stem(last_part(file))) => {
+                Clue::called(file).numbered(number)
             }
-            (None, None, Some(name)) => Clue::of(name, &[name], None, canvas),
-            (None, None, None) => Clue::NONE,
+            (None, Some(file)) => Clue::of_file(file, &[file], number, frames),
+            (None, None) => Clue::NONE.numbered(number),
         }
     }
 }
@@ -137,7 +136,8 @@ fn by_id<T: PartialEq>(entries: impl Iterator<Item = (u64, T)>, kind: &str) -> R
 
 /// Returns the place of every image, by its id.
 fn places_by_id(images: &[Image], canvas: &Canvas) -> Result<BTreeMap<u64, Place>> {
-    let clues: Vec<Clue<'_>> = images.iter().map(|image| image.clue(canvas)).collect();
+    let frames = FrameNames::of(canvas);
+    let clues: Vec<Clue<'_>> = images.iter().map(|image| image.clue(&frames)).collect();
     let places = places(&clues, canvas)?;
     for (image, place) in images.iter().zip(&places) {
         if let (Place::Frame(_), Some(width), Some(height)) = (place, image.width, image.height) {

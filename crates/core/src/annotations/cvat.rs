@@ -1,7 +1,7 @@
 //! CVAT's XML: tracks of a video, or images, with masks, polygons and boxes. A mask is a rectangle of run
 //! lengths, row by row.
 
-use super::{Annotation, Canvas, Shape, images::Images};
+use super::{Annotation, Canvas, Shape, images::Images, names::FrameNames};
 use crate::{Error, Result, grid::Mask, mask::Runs};
 use quick_xml::{
     Reader, XmlVersion,
@@ -15,8 +15,8 @@ const WITHOUT_AREA: [&str; 5] = ["polyline", "points", "cuboid", "skeleton", "el
 /// Returns the annotations of a file of CVAT.
 pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
     let mut reader = Reader::from_reader(text);
-    let mut place =
-        Place { canvas, images: Images::default(), original_size: None, label: None, frame: None };
+    let (names, images) = (FrameNames::of(canvas), Images::default());
+    let mut place = Place { canvas, names, images, original_size: None, label: None, frame: None };
     let mut found = Vec::new();
     let mut is_cvat = false;
     loop {
@@ -45,6 +45,7 @@ fn malformed(e: impl std::fmt::Display) -> Error {
 /// The track or image that is being read.
 struct Place<'a> {
     canvas: &'a Canvas,
+    names: FrameNames<'a>,
     images: Images,
     /// Columns and rows of the video that tracks are of.
     original_size: Option<(usize, usize)>,
@@ -79,7 +80,7 @@ impl Place<'_> {
             self.canvas.expect_size(width, height)?;
         }
         let name = text(element, "name")?.unwrap_or_default();
-        let frame = self.canvas.frame_named(&name).ok_or_else(|| {
+        let frame = self.names.frame_named(&name).ok_or_else(|| {
             let what = format!("the image \"{name}\" is no frame of the recording");
             Error::input(what, "Images are found by their names.")
         })?;

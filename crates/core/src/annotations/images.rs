@@ -1,6 +1,9 @@
 //! The images of a file: the clues to their frames, and their places in the recording.
 
-use super::{Canvas, last_part, stem};
+use super::{
+    Canvas,
+    names::{FrameNames, last_part},
+};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -28,35 +31,70 @@ enum Picture {
 pub(super) struct Clue<'a> {
     /// The name as it is written there, with folders; may be empty.
     name: &'a str,
+    /// The name by which it is told from images of other recordings: this one, or one with folders.
+    file: &'a str,
     picture: Picture,
     place: Place,
 }
 
 impl<'a> Clue<'a> {
     /// Nothing is told.
-    pub(super) const NONE: Self = Self { name: "", picture: Picture::Unknown, place: Place::Unknown };
+    pub(super) const NONE: Self =
+        Self { name: "", file: "", picture: Picture::Unknown, place: Place::Unknown };
+
+    /// Returns the clue of a name that does not tell the frame.
+    pub(super) fn called(name: &'a str) -> Self {
+        Self { name, file: name, ..Self::NONE }
+    }
 
     /// Returns what a name tells, or else a number: numbers change with the first frame that is used. `names`
     /// are names that `name` may stand for, the image's own last.
-    pub(super) fn of(name: &'a str, names: &[&str], number: Option<usize>, canvas: &Canvas) -> Self {
-        let (picture, place) = match names.iter().find_map(|name| canvas.frame_named(name)) {
-            Some(frame) => (Picture::Frame, Place::Frame(frame)),
-            None if names.last().is_some_and(|own| canvas.is_another(own)) => {
-                (Picture::Another, Place::LeftOut)
-            }
-            None => (Picture::Unknown, number.map_or(Place::Unknown, Place::Frame)),
-        };
-        Self { name, picture, place }
+    pub(super) fn of(name: &'a str, names: &[&str], number: Option<usize>, frames: &FrameNames<'_>) -> Self {
+        let clue = Self::called(name);
+        if let Some(frame) = names.iter().find_map(|name| frames.frame_named(name)) {
+            return Self { picture: Picture::Frame, place: Place::Frame(frame), ..clue };
+        }
+        if names.last().is_some_and(|own| frames.is_another(own)) {
+            return Self { picture: Picture::Another, place: Place::LeftOut, ..clue };
+        }
+        clue.numbered(number)
     }
 
-    /// Returns the clue with a number that counts whatever the name is.
-    pub(super) fn numbered(self, number: usize) -> Self {
-        Self { place: Place::Frame(number), ..self }
+    /// Returns the same for the name of a file, which may be a mere number in another form, see
+    /// [`FrameNames::is_numbered`].
+    pub(super) fn of_file(
+        name: &'a str,
+        names: &[&str],
+        number: Option<usize>,
+        frames: &FrameNames<'_>,
+    ) -> Self {
+        let clue = Self::of(name, names, number, frames);
+        let is_numbered = names.last().is_some_and(|own| frames.is_numbered(own));
+        if clue.is_another() && is_numbered { Self::called(name).numbered(number) } else { clue }
+    }
+
+    /// Returns the clue with a number, which counts where the name tells nothing.
+    pub(super) fn numbered(self, number: Option<usize>) -> Self {
+        match (self.picture, number) {
+            (Picture::Unknown, Some(number)) => Self { place: Place::Frame(number), ..self },
+            _ => self,
+        }
+    }
+
+    /// Returns the clue of an image in this file. If its name has folders, it tells recordings apart.
+    pub(super) fn in_file(self, file: Option<&'a str>) -> Self {
+        let file = file.filter(|file| last_part(file) != *file);
+        Self { file: file.unwrap_or(self.file), ..self }
     }
 
     /// Returns `true` if the name is that of a frame.
     pub(super) fn names_a_frame(&self) -> bool {
         self.picture == Picture::Frame
+    }
+
+    /// Returns `true` if the name is that of a picture which is no frame.
+    pub(super) fn is_another(&self) -> bool {
+        self.picture == Picture::Another
     }
 }
 
@@ -66,7 +104,7 @@ impl<'a> Clue<'a> {
 /// Names of which none is that of a frame, whatever the numbers are, and two images that would be the same
 /// frame.
 pub(super) fn places(clues: &[Clue<'_>], canvas: &Canvas) -> Result<Vec<Place>> {
-    let another = clues.iter().find(|clue| clue.picture == Picture::Another);
+    let another = clues.iter().find(|clue| clue.is_another());
     if let Some(another) = another
         && !clues.iter().any(Clue::names_a_frame)
     {
@@ -75,7 +113,7 @@ pub(super) fn places(clues: &[Clue<'_>], canvas: &Canvas) -> Result<Vec<Place>> 
     let mut images = Images::default();
     let place = |clue: &Clue<'_>| {
         if let Place::Frame(frame) = clue.place {
-            images.add(frame, clue.name)?;
+            images.add(frame, clue.file)?;
         }
         Ok(clue.place)
     };
@@ -115,52 +153,41 @@ impl Images {
     }
 }
 
-impl Canvas {
-    /// Returns `true` if a name is that of a picture which is no frame. A number tells nothing where frames
-    /// are not numbered like it.
-    fn is_another(&self, name: &str) -> bool {
-        if last_part(name).is_empty() || self.frame_names.is_empty() || self.has_name(name) {
-            return false;
-        }
-        let number = stem(last_part(name));
-        !is_number(number) || self.frame_names.iter().any(|known| are_numbered_alike(stem(known), number))
-    }
-}
-
-fn is_number(text: &str) -> bool {
-    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
-}
-
-/// Returns `true` for two numbers that one list may hold: they are equally long, or not filled up with zeros.
-fn are_numbered_alike(a: &str, b: &str) -> bool {
-    let longer = if a.len() > b.len() { a } else { b };
-    is_number(a) && is_number(b) && (a.len() == b.len() || !longer.starts_with('0'))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_one_list_are_told_from_others() {
-        for (a, b) in [("000004", "000012"), ("4", "12"), ("999999", "1000000")] {
-            assert!(are_numbered_alike(a, b) && are_numbered_alike(b, a), "{a} {b}");
-        }
-        for (a, b) in [("000004", "0004"), ("4", "04"), ("4", "shot 4"), ("4", "")] {
-            assert!(!are_numbered_alike(a, b) && !are_numbered_alike(b, a), "{a} {b}");
-        }
-    }
-
-    #[test]
     fn names_that_several_frames_have_tell_nothing() {
         let frame_names = ["1.jpg", "1.png", "2.png"].map(str::to_owned).to_vec();
         let canvas = Canvas { width: 8, height: 6, frame_names, num_frames: 3 };
+        let frames = FrameNames::of(&canvas);
         let found = |name| {
-            let Clue { picture, place, .. } = Clue::of(name, &[name], Some(0), &canvas);
+            let Clue { picture, place, .. } = Clue::of(name, &[name], Some(0), &frames);
             (picture, place)
         };
         assert_eq!(found("1.bmp"), (Picture::Unknown, Place::Frame(0)));
         assert_eq!(found("2.bmp"), (Picture::Frame, Place::Frame(2)));
         assert_eq!(found("3.bmp"), (Picture::Another, Place::LeftOut));
+    }
+
+    #[test]
+    fn a_word_and_a_number_tell_nothing_of_a_video() {
+        let clue = |frame_names: &[&str], name: &str| {
+            let frame_names = frame_names.iter().map(|name| (*name).to_owned()).collect();
+            let canvas = Canvas { width: 8, height: 6, frame_names, num_frames: 3 };
+            let frames = FrameNames::of(&canvas);
+            let clues =
+                [Clue::of_file(name, &[name], Some(1), &frames), Clue::of(name, &[name], Some(1), &frames)];
+            clues.map(|clue| clue.place)
+        };
+        let video = ["000000", "000001", "000002"];
+        for name in ["frame_000002.png", "deep/img_7.jpg", "Bild_0002"] {
+            assert_eq!(clue(&video, name), [Place::Frame(1), Place::LeftOut], "{name}");
+        }
+        for name in ["patient99_000002.png", "frame_.png", "_000002.png", "a_b_000002.png", "frame.png"] {
+            assert_eq!(clue(&video, name), [Place::LeftOut; 2], "{name}");
+        }
+        assert_eq!(clue(&["shot 0", "shot 1", "shot 2"], "frame_000002.png"), [Place::LeftOut; 2]);
     }
 }

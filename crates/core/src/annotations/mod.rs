@@ -8,8 +8,9 @@
 //! | DICOM segmentation | reference to a frame of a recorded file, or position in time | masks |
 //! | 3D Slicer segmentation (`.seg.nrrd`) | place along the third axis, after `first_frame` | masks |
 //!
-//! Names come before numbers. In COCO and Label Studio, images that are named like no frame are left out; a
-//! file of such images alone is refused.
+//! Names come before numbers, but for those that count exported frames, or the pictures of a video. In COCO
+//! and Label Studio, images that are named like no frame are left out; a file of such images alone is
+//! refused.
 //!
 //! Formats are recognised by content. Masks are kept as run lengths, so that memory follows the size of the
 //! file.
@@ -18,6 +19,7 @@ mod coco;
 mod cvat;
 mod images;
 mod label_studio;
+mod names;
 mod nrrd;
 mod runs;
 mod segmentation;
@@ -132,24 +134,6 @@ fn checked(annotations: Vec<Annotation>, canvas: &Canvas) -> Result<Vec<Annotati
     Ok(annotations)
 }
 
-/// Ways in which a frame has a name, the best first: the whole name, the name with an ending on one side
-/// alone, and the name with another ending.
-const WAYS: [fn(&str, &str) -> bool; 3] = [
-    |known, name| known == name,
-    |known, name| known == stem(name) || stem(known) == name,
-    |known, name| stem(known) == stem(name),
-];
-
-/// Returns a name without its folders.
-fn last_part(name: &str) -> &str {
-    name.rsplit(['/', '\\']).next().unwrap_or(name)
-}
-
-/// Returns the name of a file without its ending.
-fn stem(name: &str) -> &str {
-    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
-}
-
 /// Adds the path to an error about what a file holds.
 pub(crate) fn in_file(error: Error, path: &Path) -> Error {
     match error {
@@ -162,24 +146,6 @@ impl Canvas {
     /// Returns the frame of this number, if there is one.
     fn frame(&self, number: usize) -> Option<usize> {
         (number < self.num_frames).then_some(number)
-    }
-
-    /// Returns the one frame whose file has this name, by the best of the ways in which one has it.
-    fn frame_named(&self, name: &str) -> Option<usize> {
-        let name = last_part(name);
-        for fits in WAYS {
-            let mut found = (0..self.frame_names.len()).filter(|&i| fits(&self.frame_names[i], name));
-            if let Some(frame) = found.next() {
-                return found.next().is_none().then_some(frame);
-            }
-        }
-        None
-    }
-
-    /// Returns `true` if one frame or several have this name in any way.
-    fn has_name(&self, name: &str) -> bool {
-        let name = last_part(name);
-        WAYS.into_iter().any(|fits| self.frame_names.iter().any(|known| fits(known, name)))
     }
 
     /// Returns an error if a file says that its pictures have another size.

@@ -84,7 +84,7 @@ impl Shape {
     }
 
     /// Returns the area of an outline, px, as if its line did not cross itself; 0 for other shapes.
-    pub(crate) fn area_px(&self) -> f32 {
+    pub fn area_px(&self) -> f32 {
         match self {
             Self::Click { .. } | Self::Stroke { .. } => 0.0,
             Self::Polygon { points_px } => {

@@ -213,10 +213,18 @@ fn images_of_tasks_tell_more_than_other_words() {
         (r#""case": "3", "image": "0007.png", "frame": 5"#, 5),
         (r#""case": "3", "frame": 5"#, 5),
         (r#""picture": "3""#, 3),
+        (r#""image": "a/other.png", "small": "https://host/0007.png", "frame": 5"#, 5),
+        (r#""url": "https://host/7", "frame": 1"#, 7),
+        (r#""video": "https://host/clip.mp4", "frame": 4"#, 4),
+        (r#""page": "https://host/view.html?x=1", "site": "https://host/", "frame": 4"#, 4),
     ] {
         assert_eq!(frame(data).unwrap(), expected, "{data}");
     }
-    for data in [r#""case": "3", "image": "a/other.png""#, r#""case": "3", "image": "other", "frame": 3"#] {
+    for data in [
+        r#""case": "3", "image": "a/other.png""#,
+        r#""case": "3", "image": "other", "frame": 3"#,
+        r#""url": "https://host/other", "frame": 3"#,
+    ] {
         let message = frame(data).unwrap_err().to_string();
         assert!(message.contains("is no frame of the recording, and neither"), "{data}: {message}");
     }
@@ -321,7 +329,17 @@ fn sources_tell_more_than_numbers_and_those_of_left_out_frames_do_not_count() {
     assert_eq!(masks(&[&cut, &shown]), [3]);
     assert_eq!(masks(&[&source("000007", 2), &source("000008", 3)]), [2, 3], "numbers alone name no picture");
     let own = format!("{}, \"file_name\": \"shot 1.png\"", r#""frame": 4, "source": null"#);
-    assert_eq!(masks(&[&own]), [4], "own names of files count exported frames");
+    assert_eq!(masks(&[&own]), [1], "a file that is named like a frame is that frame");
+    assert_eq!(
+        masks(&[&own.replace("shot 1", "a/frame_000004")]),
+        [4],
+        "our own files count exported frames"
+    );
+    assert_eq!(
+        masks(&[&own.replace("shot 1", "patient99_000004"), &shown]),
+        [3],
+        "another picture is left out"
+    );
     let task = |frame: usize, image: &str| label_studio(&[(image.to_owned(), frame)]);
     assert_eq!(shapes_of(&task(1, "/data/local-files/?d=a/shot 3.png"))[0].0, 3);
     assert_eq!(shapes_of(&task(1, "/data/upload/1.png"))[0].0, 1);
@@ -401,6 +419,11 @@ fn pictures_of_another_recording_are_refused_whatever_their_numbers_are() {
     for found in frames_marked(video(), 1..4, |i| format!("{:04}.png", i + 1)) {
         assert_eq!(found.unwrap(), [1, 2, 3]);
     }
+    let of_video = Canvas { frame_names: video(), ..canvas() };
+    let numbered = |text: &str| parse(text.as_bytes(), &of_video).map(|found| found.unwrap()[0].frame);
+    assert_eq!(numbered(&coco(&[r#""frame": 2, "file_name": "img_000003.png""#])).unwrap(), 2);
+    assert_eq!(numbered(&label_studio(&[("frame_000003.png".to_owned(), 2)])).unwrap(), 2);
+    assert!(numbered(&coco(&[r#""frame": 2, "source": "img_000003.png""#])).is_err());
     for found in frames_marked(names(), 0..0, other) {
         assert!(found.unwrap().is_empty());
     }
@@ -454,6 +477,12 @@ fn annotations_of_other_recordings_are_refused() {
     assert!(refused(&put_together).contains("two images have the id 0"), "{}", refused(&put_together));
     let both = coco(&[r#""frame": 1"#, r#""file_name": "shot 1.png""#]);
     assert!(refused(&both).starts_with("an image without a name and \"shot 1.png\" would both be frame 1"));
+    for rest in ["", r#", "source": "shot 2.png""#] {
+        let own = |folder: &str| format!(r#""frame": 2, "file_name": "{folder}/frame_000002.png"{rest}"#);
+        let says = "\"a/frame_000002.png\" and \"b/frame_000002.png\" would both be frame 2";
+        let message = refused(&coco(&[&own("a"), &own("b")]));
+        assert!(message.contains(says), "{message}");
+    }
     let image = |folder: &str| format!("<image name=\"{folder}/shot 2.png\"></image>");
     assert!(refused(&cvat(&(image("a") + &image("b")))).contains("would both be frame 2"));
     let tasks = |folder: &str| format!(r#"{{"data": {{"image": "{folder}/shot 2.png"}}}}"#);
@@ -469,25 +498,6 @@ fn annotations_of_other_recordings_are_refused() {
     };
     assert_eq!(shapes_of(&track(37)).len(), 1);
     assert!(refused(&track(25)).contains("pictures of 25×23 pixels"));
-}
-
-#[test]
-fn names_with_dots_are_found_by_their_best_match() {
-    let named = |names: &[&str], name: &str| {
-        let frame_names = names.iter().map(|name| (*name).to_owned()).collect();
-        Canvas { frame_names, num_frames: names.len(), ..canvas() }.frame_named(name)
-    };
-    let stems = ["case.7", "case.8", "a.color", "plain"];
-    let files = stems.map(|stem| format!("{stem}.png"));
-    let files = files.each_ref().map(String::as_str);
-    for (i, stem) in stems.into_iter().enumerate() {
-        for name in [stem.to_owned(), format!("{stem}.png"), format!("deep/{stem}.png")] {
-            assert_eq!((named(&stems, &name), named(&files, &name)), (Some(i), Some(i)), "{name}");
-        }
-        assert_eq!(named(&files, &format!("{stem}.jpg")), Some(i));
-    }
-    assert_eq!(named(&stems, "case.9"), None, "of two it could be none");
-    assert_eq!(named(&["1.jpg", "1.png"], "1.png"), Some(1));
 }
 
 #[test]

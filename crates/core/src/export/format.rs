@@ -185,8 +185,12 @@ impl Format {
     }
 }
 
-/// Returns the number of files that an export writes, without `provenance.json` and `labels.json`.
+/// Returns the number of files that an export writes, without `provenance.json` and `labels.json`. Without a
+/// prompt, there are none.
 pub fn num_files(formats: &[Format], frames: usize, prompts: usize) -> usize {
+    if prompts == 0 {
+        return 0;
+    }
     let of_format = |format: &Format| match (format.is_series(), format.is_per_prompt()) {
         (true, _) => 1,
         (false, true) => frames * prompts,
@@ -198,6 +202,12 @@ pub fn num_files(formats: &[Format], frames: usize, prompts: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn without_a_prompt_nothing_is_written() {
+        let formats = [Format::Overlay, Format::Binary, Format::Csv];
+        assert_eq!([0, 1, 2].map(|prompts| num_files(&formats, 10, prompts)), [0, 21, 31]);
+    }
 
     #[test]
     fn every_format_is_offered_once_under_its_own_name() {

@@ -4,6 +4,7 @@
 //! Each line is one JSON value. A file is noted before it is written, by adding a line. A line that was
 //! cut off by a kill is skipped.
 
+use super::whole::without_name;
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
@@ -85,7 +86,7 @@ impl Record {
 
     /// Writes the complete record.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
-        let fail = |e| Error::io("write the record of the folder", folder, e);
+        let fail = |e| Error::io("write the record of the folder", folder, without_name(e));
         let (kind, holds_outputs, complete) = (self.kind.clone(), self.holds_outputs, self.complete);
         let head = Line::Head(Head { kind, holds_outputs, complete });
         let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(fail)?;

@@ -56,7 +56,7 @@ impl WholeFile {
         // gives new files.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let temporary = builder.tempfile_in(&folder).map_err(fail)?;
+        let temporary = builder.tempfile_in(&folder).map_err(|e| fail(without_name(e)))?;
         Record::note(path)?;
         Ok(Self { temporary, path: path.to_owned() })
     }
@@ -102,17 +102,25 @@ impl WholeFile {
 
 impl Write for WholeFile {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.temporary.write(bytes)
+        self.temporary.write(bytes).map_err(without_name)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        self.temporary.flush()
+        self.temporary.flush().map_err(without_name)
     }
 }
 
 impl Seek for WholeFile {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
-        self.temporary.seek(to)
+        self.temporary.seek(to).map_err(without_name)
+    }
+}
+
+/// Leaves the name of a temporary file out of an error: it means nothing to anybody.
+pub(super) fn without_name(fault: std::io::Error) -> std::io::Error {
+    match fault.to_string().split_once(" at path ") {
+        Some((cause, _)) => std::io::Error::new(fault.kind(), cause),
+        None => fault,
     }
 }
 
@@ -121,4 +129,23 @@ pub(super) fn sync_parent(path: &Path) {
     let folder =
         path.parent().filter(|p| p.as_os_str() != std::ffi::OsStr::new("")).unwrap_or(Path::new("."));
     let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_told_the_name_of_a_temporary_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let fault = || {
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(TEMPORARY).tempfile_in(folder.path().join("none")).unwrap_err()
+        };
+        assert!(fault().to_string().contains(TEMPORARY));
+        let told = without_name(fault());
+        assert!(!told.to_string().is_empty() && !told.to_string().contains(TEMPORARY), "{told}");
+        assert_eq!(told.kind(), ErrorKind::NotFound);
+        assert_eq!(without_name(std::io::Error::other("it broke")).to_string(), "it broke");
+    }
 }

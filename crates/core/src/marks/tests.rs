@@ -520,7 +520,7 @@ fn coco_annotations_are_marks() {
     let file = |annotation: &str| {
         format!(
             r#"{{"categories": [{{"id": 1, "name": "liver"}}],
-                "images": [{{"id": 7, "file_name": "x.png", "frame": 2}}, {{"id": 8, "file_name": "picture_3.jpg"}}, {{"id": 9}}],
+                "images": [{{"id": 7, "file_name": "0002.png", "frame": 2}}, {{"id": 8, "file_name": "picture_3.jpg"}}, {{"id": 9}}],
                 "annotations": [{annotation}]}}"#
         )
     };

@@ -78,7 +78,8 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
         Progress::new(STAGE, facts.len(), n).tell(observer)?;
     }
     let recording = sequence.recording();
-    let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
+    let warnings = [&recording.notes[..], &recording.cautions].concat();
+    let mut says = Findings { warnings, errors: Vec::new() };
     says.warnings.extend(recording.complaints().into_iter().map(|what| damage(&what)));
     says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
     let shots: Vec<Shot> = facts.iter().map(|f| f.shot).collect();

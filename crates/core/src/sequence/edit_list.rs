@@ -65,15 +65,18 @@ impl EditList {
     /// Returns the frames that players do not show.
     fn hidden(&self, times: &[i64], lasts: i64) -> Vec<usize> {
         let first = times.first().copied().unwrap_or(0);
+        let last = times.last().copied().unwrap_or(0);
         let end = first.saturating_add(lasts);
+        // The last picture may last for no time at all.
+        let is_open = |until: i64| until.saturating_add(self.shortest.max(self.tick)) >= end;
+        let shows_last = |until: i64| is_open(until) || last.saturating_add(self.shortest) < until;
         let mut latest = i64::MIN;
         let parts = self.parts.iter().map(|part| {
-            // A part that begins before the first picture begins with it.
+            // A part that begins before the first picture begins with it, if it lasts as long as the pictures do.
             let late = first.saturating_sub(part.start).max(0);
+            let late = if shows_last(part.end.saturating_add(late)) { late } else { 0 };
             let until = part.end.saturating_add(late);
-            // The last picture may last for no time at all.
-            let is_open = until.saturating_add(self.shortest.max(self.tick)) >= end;
-            latest = latest.max(if is_open { i64::MAX } else { until });
+            latest = latest.max(if is_open(until) { i64::MAX } else { until });
             part.start.saturating_add(late)..latest
         });
         let parts: Vec<Range<i64>> = parts.collect();
@@ -174,7 +177,7 @@ mod tests {
 
     #[test]
     fn usual_lists_hide_nothing() {
-        for part in [80..480, 0..400, 80..i64::MAX, 79..478, 81..481, 80..479] {
+        for part in [80..480, 0..400, 0..390, 80..i64::MAX, 79..478, 81..481, 80..479] {
             assert_eq!(used(part.clone()), 0..10, "{part:?}");
         }
         assert_eq!(EditList::default().cut(&times(), 400), Cut::nothing(10));
@@ -187,7 +190,12 @@ mod tests {
         assert_eq!(used(200..480), 3..10);
         assert_eq!(used(201..480), 3..10, "rounded");
         assert_eq!(used(210..480), 4..10, "a part of a frame");
-        assert_eq!((used(80..400), used(80..401), used(0..320)), (0..8, 0..8, 0..8));
+        assert_eq!((used(80..400), used(80..401)), (0..8, 0..8));
+        assert_eq!(
+            (used(0..320), used(40..400)),
+            (0..6, 0..8),
+            "parts that begin too early end when they say"
+        );
         let note = cut(120..400).note(&Selection::ALL).unwrap();
         assert!(note.contains("hides the first frame and the last 2 frames: they are left out"), "{note}");
     }

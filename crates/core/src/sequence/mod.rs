@@ -263,6 +263,11 @@ impl Sequence {
     pub(crate) fn estimated_zoom(&self) -> Option<f32> {
         self.zoom
     }
+    /// Returns notes that nobody should miss who works with the recording: other programs show other frames of
+    /// it.
+    pub fn cautions(&self) -> &[String] {
+        &self.recording().cautions
+    }
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {
         &self.recording().hidden

@@ -186,10 +186,16 @@ impl Mp4 {
         self.pictures.push(CodedPicture {
             offset: sample.data_offset,
             size: sample.data_size,
-            shown_at: decoded_at.saturating_add(sample.composition_time_offset.unwrap_or(0)),
+            shown_at: decoded_at.saturating_add(sample.composition_time_offset.map_or(0, signed)),
             is_sync: sample.keyframe,
         });
         Ok(())
+    }
+
+    /// Returns the frames that are used, if ffmpeg sees the same ones: it may choose another one of several
+    /// tracks.
+    pub(super) fn clear_cut(&self) -> Option<&Cut> {
+        (!self.is_open_ended && self.num_tracks == 1).then_some(&self.cut)
     }
 
     /// Returns the pictures in the order of showing.
@@ -364,6 +370,12 @@ impl BoundedFile {
         (&mut self.file).take(size).read_to_end(&mut data).map_err(|e| e.to_string())?;
         Ok(data)
     }
+}
+
+/// Returns the time from decoding to showing. It has 32 bits, and may be below zero also in files whose
+/// version says that it is not.
+fn signed(offset: i64) -> i64 {
+    i64::from(offset as i32)
 }
 
 fn unreadable(error: &DemuxError) -> String {

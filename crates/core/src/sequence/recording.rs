@@ -99,6 +99,8 @@ pub(super) struct Recording {
     pub seconds: Vec<f64>,
     /// Notes for the user about how the files were understood.
     pub notes: Vec<String>,
+    /// Notes that nobody should miss who works with the recording: other programs show other frames.
+    pub cautions: Vec<String>,
     /// Folders of what was unpacked of videos; removed with the recording.
     pub scratch: Vec<TempDir>,
     /// The videos that ffmpeg reads: their frames have no bytes of their own.
@@ -184,6 +186,7 @@ impl Recording {
             frames_per_second: None,
             seconds: Vec::new(),
             notes: Vec::new(),
+            cautions: Vec::new(),
             scratch: Vec::new(),
             read_by_ffmpeg: Vec::new(),
             dicom: None,
@@ -229,7 +232,9 @@ impl Recording {
         }
         let last = first + part.frames.len().saturating_sub(1);
         self.notes.push(format!("Frames {first} to {last} are those of {name}"));
-        self.notes.extend(part.notes.into_iter().map(|note| format!("{name}: {note}")));
+        let of_part = |note: String| format!("{name}: {note}");
+        self.notes.extend(part.notes.into_iter().map(of_part));
+        self.cautions.extend(part.cautions.into_iter().map(of_part));
         self.frames.extend(
             part.frames
                 .into_iter()

@@ -71,19 +71,18 @@ fn open_part(path: &Path, selection: &Selection, decoders: Decoders) -> Result<R
     if let Ok(mp4) = &index {
         expect_whole(path, mp4, selection)?;
     }
-    // ffmpeg may choose another one of several tracks.
-    let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
-    let cut = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.cut.clone());
+    let cut = index.as_ref().ok().and_then(Mp4::clear_cut).cloned();
     match index.and_then(|mp4| H264::open(&file, mp4, decoders.h264)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
             let (path, input) = (path.to_owned(), path.to_owned());
             let program = PathBuf::from(ffmpeg::PROGRAM);
-            // By itself ffmpeg leaves out what an edit list hides, if no number of frames is promised.
-            let promised = cut.as_ref().filter(|cut| cut.is_whole()).map(|cut| cut.used.len());
-            let video = Unread { program, path, input, form: None, kind, promised, why_not_here };
+            let promised = cut.as_ref().map(|cut| cut.used.len());
+            let follows_edits = cut.as_ref().is_some_and(|cut| !cut.is_whole());
+            let form = None;
+            let video = Unread { program, path, input, form, kind, promised, follows_edits, why_not_here };
             let mut recording = ffmpeg::open(video, selection, decoders.ffmpeg)?;
-            recording.notes.extend(cut.and_then(|cut| cut.note(selection)));
+            recording.cautions.extend(cut.and_then(|cut| cut.note(selection)));
             Ok(recording)
         }
     }
@@ -118,7 +117,7 @@ pub(super) fn open_h264(path: &Path, video: H264, selection: &Selection) -> Resu
     let mut recording = Recording::new(path, size, numbers.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
     recording.seconds = seconds;
-    recording.notes.extend(note);
+    recording.cautions.extend(note);
     recording.shape_pixels(pixel_aspect);
     Ok(recording)
 }
@@ -128,6 +127,14 @@ fn expect_video(path: &Path) -> Result<Container> {
     let mut head = Vec::new();
     let file = File::open(path).map_err(|e| Error::io("open the file", path, e))?;
     file.take(16).read_to_end(&mut head).map_err(|e| Error::io("read the file", path, e))?;
+    container(&head).ok_or_else(|| {
+        let hint = "Open a video file, or the folder that holds the frames.";
+        Error::input_at(path, "this file is not a video", hint)
+    })
+}
+
+/// Returns the kind of a video by its first bytes; `None` if they belong to no known kind.
+pub(super) fn container(head: &[u8]) -> Option<Container> {
     let starts: [&[u8]; 9] = [
         b"\x1a\x45\xdf\xa3",     // Matroska, WebM
         b"RIFF",                 // AVI
@@ -141,19 +148,12 @@ fn expect_video(path: &Path) -> Result<Container> {
     ];
     // Cameras put four bytes of time before each packet of a transport stream.
     if head.get(4) == Some(&0x47) {
-        return Ok(Container::Other);
+        return Some(Container::Other);
     }
     // Older QuickTime files begin with another box.
     let boxes: [&[u8]; 6] = [b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"];
     if head.get(4..8).is_some_and(|word| boxes.contains(&word)) {
-        return Ok(Container::Mp4);
+        return Some(Container::Mp4);
     }
-    if starts.iter().any(|start| head.starts_with(start)) {
-        return Ok(Container::Other);
-    }
-    Err(Error::input_at(
-        path,
-        "this file is not a video",
-        "Open a video file, or the folder that holds the frames.",
-    ))
+    starts.iter().any(|start| head.starts_with(start)).then_some(Container::Other)
 }

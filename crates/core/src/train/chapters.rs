@@ -4,7 +4,7 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::{TrainSettings, seeds::seed_frames};
+use super::{TrainSettings, seeds};
 use crate::{
     Error, Result,
     num::spread,
@@ -70,7 +70,7 @@ impl Plan {
         let mut seen = Vec::new();
         for chapter in chapters {
             let own: Vec<usize> = frames.iter().copied().filter(|i| chapter.learned.contains(i)).collect();
-            if has_pixels(sequence, &own)? {
+            if have_pixels(sequence, &own)? {
                 seen.push(chapter);
             }
         }
@@ -150,10 +150,10 @@ pub(super) fn no_frames_left() -> Error {
     Error::input("every frame is excluded", "Take some of them back in.")
 }
 
-/// Returns `true` if there is something in the frames that Gaussians begin with.
-fn has_pixels(sequence: &Sequence, frames: &[usize]) -> Result<bool> {
-    for i in seed_frames(frames) {
-        if sequence.mask(i)?.count() > 0 {
+/// Returns `true` if something is left of one of the frames to learn from.
+fn have_pixels(sequence: &Sequence, frames: &[usize]) -> Result<bool> {
+    for &frame in frames {
+        if seeds::has_pixels(sequence, frame)? {
             return Ok(true);
         }
     }
@@ -200,6 +200,28 @@ mod tests {
         demo::{self, DemoSettings},
         progress::unobserved,
     };
+    use image::GrayImage;
+
+    #[test]
+    fn one_frame_with_pixels_is_enough_for_a_chapter() {
+        let folder = tempfile::tempdir().unwrap();
+        let small = DemoSettings { width: 48, height: 32, frames: 40, ..DemoSettings::default() };
+        demo::write(&small, folder.path(), &mut unobserved).unwrap();
+        let hide = |frame: usize| {
+            let path = folder.path().join(format!("masks/frame_{frame:06}.png"));
+            GrayImage::new(48, 32).save(path).unwrap();
+        };
+        let count = || {
+            let sequence = Sequence::open(folder.path()).unwrap();
+            let settings = TrainSettings { chapter_frames: 16, finds_repeats: false, ..Default::default() };
+            Plan::of(&sequence, None, &settings, &mut unobserved).unwrap().chapters.len()
+        };
+        // The last of three chapters learns from frames 18 to 39.
+        (18..39).for_each(hide);
+        assert_eq!(count(), 3);
+        hide(39);
+        assert_eq!(count(), 2);
+    }
 
     #[test]
     fn the_only_chapter_that_is_left_is_one_unless_it_is_the_whole_recording() {

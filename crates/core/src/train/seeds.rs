@@ -17,12 +17,18 @@ use std::collections::BTreeSet;
 const SEED_FRAMES: usize = 8;
 
 /// Chooses those of `frames` that Gaussians begin with.
-pub(super) fn seed_frames(frames: &[usize]) -> Vec<usize> {
+fn seed_frames(frames: &[usize]) -> Vec<usize> {
     spread(frames, SEED_FRAMES)
 }
 
+/// Returns `true` if masks and field of view leave something of a frame to learn from.
+pub(super) fn has_pixels(sequence: &Sequence, frame: usize) -> Result<bool> {
+    Ok(sequence.mask(frame)?.count() > 0)
+}
+
 /// Reads the frames that Gaussians begin with, the middle one first. In the place of one that shows nothing
-/// is the nearest of `frames` that shows something and has no place yet. If all are dark, they stay.
+/// is the nearest of `frames` that shows something and has no place yet. If all are dark, those are read that
+/// something is left of.
 pub(super) fn read(sequence: &Sequence, path: &ScopePath, frames: &[usize]) -> Result<Vec<SeedFrame>> {
     let reader = Reader { sequence, path };
     let wanted = seed_frames(frames);
@@ -48,11 +54,17 @@ pub(super) fn read(sequence: &Sequence, path: &ScopePath, frames: &[usize]) -> R
     if !seeds.is_empty() {
         return Ok(seeds);
     }
+    let mut left = Vec::new();
+    for &frame in frames {
+        if has_pixels(sequence, frame)? {
+            left.push(frame);
+        }
+    }
     let read = |frame: usize| {
         let (colour, mask) = reader.look_at(frame)?;
         reader.seed(frame, colour, mask)
     };
-    wanted.into_iter().map(read).collect()
+    seed_frames(if left.is_empty() { frames } else { &left }).into_iter().map(read).collect()
 }
 
 /// Returns the numbers below `n` by their distance from `at`, the lower of two first.
@@ -92,6 +104,7 @@ mod tests {
         demo::{self, DemoSettings},
         progress::unobserved,
     };
+    use image::GrayImage;
 
     #[test]
     fn numbers_go_outwards_from_one() {
@@ -124,5 +137,11 @@ mod tests {
         assert_eq!(chosen(&[0, 3, 4, 7]), [7, 0], "frames that are not learned from are not read");
         (0..8).for_each(blacken);
         assert_eq!(chosen(&all).len(), 8, "there is nothing better");
+        let hide = |frame: usize| {
+            let path = folder.path().join(format!("masks/frame_{frame:06}.png"));
+            GrayImage::new(64, 48).save(path).unwrap();
+        };
+        (1..8).for_each(hide);
+        assert_eq!(chosen(&all).len(), 1, "nothing is left of the others");
     }
 }

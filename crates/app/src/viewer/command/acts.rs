@@ -26,16 +26,17 @@ pub(super) struct Given<'a> {
 }
 
 /// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place. Keys
-/// stay commands, unless a name is missing.
+/// stay commands, unless a name is missing or waits for the keyboard already.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
     let counts = |frame: usize| !shared.document.is_excluded(frame);
     if let Some(frame) = shared.areas().and_then(|areas| areas.look_here(counts)).map(|here| here.frame) {
         shared.playback.pause();
-        shared.playback.seek(frame, given.now);
+        shared.playback.go_to(frame, given.now);
         if !shared.viewport.marking.is_on {
+            let is_waiting = shared.viewport.marking.wants_name;
             shared.take_marking();
             let marking = &mut shared.viewport.marking;
-            marking.wants_name = marking.name.is_empty();
+            marking.wants_name = is_waiting || marking.name.is_empty();
         }
     }
 }
@@ -125,14 +126,15 @@ pub(super) fn magnify_time(shared: &mut Shared, by: f32) {
 pub(super) fn go_to_found(shared: &mut Shared, given: &Given<'_>, which: fn(&Curve) -> Option<usize>) {
     if let Some(frame) = shared.selected_curve().as_ref().and_then(which) {
         shared.playback.pause();
-        shared.playback.seek(frame, given.now);
+        shared.playback.go_to(frame, given.now);
     }
 }
 
+/// Goes to the next bookmark in a direction (1 or −1) from the frame that is seen.
 pub(super) fn go_to_bookmark(shared: &mut Shared, given: &Given<'_>, direction: isize) {
-    if let Some(frame) = shared.document.bookmark_beside(shared.playback.frame(), direction) {
+    if let Some(frame) = shared.document.bookmark_beside(shared.seen_frame(), direction) {
         shared.playback.pause();
-        shared.playback.seek(frame, given.now);
+        shared.playback.go_to(frame, given.now);
     }
 }
 

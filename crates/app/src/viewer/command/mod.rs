@@ -217,10 +217,10 @@ commands! {
         unless nothing_open, act |s, g| s.step(HOP, g.now);
     First: Time, Viewport, [key(Key::Home)], "First frame",
         "Go to the first frame",
-        unless nothing_open, act |s, g| s.playback.seek(0, g.now);
+        unless nothing_open, act |s, g| s.playback.go_to(0, g.now);
     Last: Time, Viewport, [key(Key::End)], "Last frame",
         "Go to the last frame",
-        unless nothing_open, act |s, g| s.playback.seek(usize::MAX, g.now);
+        unless nothing_open, act |s, g| s.playback.go_to(usize::MAX, g.now);
     GoToFrame: Time, Viewport, [key(Key::G)], "Go to frame…",
         "Type the number of a frame",
         unless nothing_open, act |s, _| s.dialog = Some(Dialog::GoToFrame);

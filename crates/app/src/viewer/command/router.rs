@@ -113,8 +113,9 @@ impl Plugin for KeyRouter {
                     let given = self.command(owner, key, modifiers);
                     is_used = given.is_some();
                     self.waits_for_field = given.is_some_and(|i| takes_keyboard(i.command));
-                    // The tool for marking takes the keyboard for its name, or is put away.
-                    let may_take = given.is_some_and(|i| i.command == Command::Mark);
+                    // The tool for marking may take the keyboard for its name, or is put away.
+                    let may_take =
+                        given.is_some_and(|i| matches!(i.command, Command::Mark | Command::LookHere));
                     let moves_focus = matches!(key, Key::Enter | Key::Escape | Key::Tab);
                     must_wait = self.waits_for_field || may_take || moves_focus;
                     self.pressed.extend(given);

@@ -18,8 +18,8 @@ use surgtpgs_core::marks::{Mark, Shape};
 /// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
 const STEP_PX: f32 = 2.0;
 const CORNER_PX: f32 = 4.0;
-/// Least number of pixels that an outline encloses.
-const LEAST_PX: usize = 4;
+/// Least width of what an outline encloses, px, on average over half of its length.
+const LEAST_WIDTH_PX: f32 = 2.0 / 3.0;
 /// Message about an outline with nothing inside.
 const ENCLOSES_NOTHING: &str = "This outline encloses nothing: draw around the structure";
 /// Opacity of marked pixels, and of what surrounds those that are not meant.
@@ -278,19 +278,19 @@ fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>, size: [usize; 2]) {
     actions.push(Action::marking(|m| m.draft = None));
 }
 
-/// Returns `true` for an outline around a few pixels at most, or one that runs back beside itself: it is
-/// narrower than a pixel on average.
+/// Returns `true` for an outline around the centre of no pixel, or one that runs back beside itself. The
+/// centres inside a small outline may be fewer than its area, and a line that crosses itself may enclose more
+/// than that: the larger number counts.
 fn encloses_nothing(shape: &Shape, [width, height]: [usize; 2]) -> bool {
-    let length_px: f32 = match shape {
-        Shape::Polygon { points_px } => {
-            let next = points_px.iter().cycle().skip(1);
-            points_px.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum()
-        }
-        Shape::Box { .. } => 0.0,
-        _ => return false,
-    };
+    if !shape.is_outlined() {
+        return false;
+    }
     let count = shape.pixels(width, height).count();
-    count < LEAST_PX || 2.0 * (count as f32) < length_px
+    let Shape::Polygon { points_px } = shape else { return count == 0 };
+    let next = points_px.iter().cycle().skip(1);
+    let length_px: f32 = points_px.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
+    let area_px = shape.area_px().max(count as f32);
+    count == 0 || area_px < LEAST_WIDTH_PX * length_px / 2.0
 }
 
 /// Returns the shape after the mouse was dragged on to a point.
@@ -361,6 +361,13 @@ mod tests {
             (around(&[[5.0, 5.0], [25.0, 5.0], [15.0, 5.8]]), true),
             (around(&[[5.0, 5.0], [7.0, 5.0], [7.0, 7.0], [5.0, 7.0]]), false),
             (around(&[[5.0, 5.0], [25.0, 5.0], [25.0, 8.0], [5.0, 8.0]]), false),
+            // A corner with sides of 4 and of 3 px, around 6 and 3 centres.
+            (around(&[[5.0, 5.0], [9.0, 5.0], [5.0, 9.0]]), false),
+            (around(&[[5.0, 5.0], [8.0, 5.0], [5.0, 8.0]]), false),
+            // A line that crosses itself, with as much to the right of it as to the left.
+            (around(&[[5.0, 5.0], [15.0, 15.0], [15.0, 5.0], [5.0, 15.0]]), false),
+            // Seven centres, by chance, in what is less than half a pixel high.
+            (around(&[[6.4, 12.3], [19.2, 12.3], [12.9, 12.72]]), true),
             (from_to([5.0, 5.0], [25.0, 5.2]), true),
             (from_to([5.0, 5.0], [25.0, 6.0]), false),
             (Shape::Click { point_px: [5.0, 5.0], radius_px: 0.0 }, false),

@@ -203,7 +203,7 @@ fn plan_ui(ui: &mut Ui, request: &ExportRequest, frames: &[usize], shared: &Shar
     let num_unlearned = frames.iter().filter(|frame| info.is_unlearned(**frame)).count();
     let left_out = left_out(questions, shared);
     let num_written = questions.len() - left_out.len();
-    let count = match is_ready && num_written > 0 {
+    let count = match is_ready {
         true => num_files(&options.formats, frames.len() - num_unlearned, num_written),
         false => 0,
     };

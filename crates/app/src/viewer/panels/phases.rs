@@ -71,7 +71,7 @@ const RANGE_TIP: &str = "the part that plays, or all from the present frame on."
 
 /// Returns first and last frame of a new phase.
 fn new_range(shared: &Shared) -> (usize, usize) {
-    let rest = (shared.playback.frame(), shared.playback.num_frames() - 1);
+    let rest = (shared.seen_frame(), shared.playback.num_frames() - 1);
     shared.playback.range().unwrap_or(rest)
 }
 

@@ -68,15 +68,23 @@ impl Picker {
     fn begin(&mut self, ask: &PathAsk, ctx: &Context) {
         self.wants_focus = true;
         let start = ask.folder.clone().or_else(dirs::home_dir).unwrap_or_else(|| PathBuf::from("/"));
-        self.enter(start, ctx);
-        if let PathKind::Save(name, _) | PathKind::SaveMarks(name) = &ask.kind {
-            self.typed = self.folder.join(name).display().to_string();
-        }
+        self.enter(start, &ask.kind, ctx);
     }
 
-    /// Lists the contents of a folder, on a thread of its own.
-    fn enter(&mut self, folder: PathBuf, ctx: &Context) {
-        self.typed = folder.display().to_string();
+    /// Returns the name of the file to write: the typed one, or the one that is offered where there is none;
+    /// `None` if something that exists is asked for.
+    fn name_to_write(&self, kind: &PathKind) -> Option<PathBuf> {
+        let (PathKind::Save(offered, _) | PathKind::SaveMarks(offered)) = kind else { return None };
+        let typed = Path::new(self.typed.trim());
+        let name = typed.file_name().filter(|_| !typed.is_dir());
+        Some(name.map_or_else(|| PathBuf::from(offered), PathBuf::from))
+    }
+
+    /// Lists the contents of a folder, on a thread of its own. The name of a file to write stays.
+    fn enter(&mut self, folder: PathBuf, kind: &PathKind, ctx: &Context) {
+        let name = self.name_to_write(kind);
+        let path = name.map_or_else(|| folder.clone(), |name| folder.join(name));
+        self.typed = path.display().to_string();
         let at = folder.clone();
         self.listing = Some(Task::start("list", ctx, move |_| Ok(list(&at))));
         (self.folder, self.entries) = (folder, Vec::new());
@@ -125,7 +133,7 @@ impl Picker {
             entered = Some(typed);
         }
         if let Some(folder) = entered {
-            self.enter(folder, ui.ctx());
+            self.enter(folder, &ask.kind, ui.ctx());
         }
         (chosen, is_cancelled.inner)
     }
@@ -231,6 +239,26 @@ mod tests {
         let kind = PathKind::SaveMarks("clip-marks.json".into());
         assert_eq!(typed_over("/data/clip-marks.json", &kind), 6..16);
         assert_eq!(typed_over("/data/op", &PathKind::Folder), 8..8);
+    }
+
+    #[test]
+    fn the_typed_name_of_a_file_to_write_stays_in_another_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let below = folder.path().join("below");
+        std::fs::create_dir(&below).unwrap();
+        let ctx = Context::default();
+        let kind = PathKind::Save("case.surgtpgs".into(), "Sessions");
+        let entered = |typed: &Path, kind: &PathKind| {
+            let mut picker = Picker { typed: typed.display().to_string(), ..Picker::default() };
+            picker.enter(below.clone(), kind, &ctx);
+            PathBuf::from(picker.typed)
+        };
+        assert_eq!(entered(&folder.path().join("mine"), &kind), below.join("mine"));
+        assert_eq!(entered(folder.path(), &kind), below.join("case.surgtpgs"), "no name is typed");
+        assert_eq!(entered(Path::new(""), &kind), below.join("case.surgtpgs"));
+        let marks = PathKind::SaveMarks("case-marks.json".into());
+        assert_eq!(entered(&folder.path().join("a.json"), &marks), below.join("a.json"));
+        assert_eq!(entered(&folder.path().join("mine"), &PathKind::Folder), below);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::viewer::{
     picture::{
         difference::Difference,
         notes::{FADED, SYNTHESISED},
-        request::{AskedPrompt, Finding},
+        request::{AskedPrompt, Finding, Picture},
     },
     shared::Shared,
     state::{
@@ -37,6 +37,9 @@ use egui::{
     Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 use surgtpgs_core::camera::MAX_STILL_DEGREES;
+
+/// Message where nothing was found of several prompts, for several reasons.
+const NOTHING_OF_ALL: &str = "Nothing was found on this frame";
 
 /// The toolbar and the picture.
 #[derive(Default)]
@@ -364,13 +367,20 @@ fn notice(shared: &Shared, with_marks: bool) -> Option<(String, Color32)> {
     }
     let answers: Vec<_> = picture.findings.iter().filter_map(|f| f.outcome.as_ref().ok()).collect();
     let is_nothing = with_marks && !answers.is_empty() && answers.iter().all(|f| f.area_px == 0);
-    let absence = |(f, p): (&Finding, &AskedPrompt)| {
-        f.answer.as_ref().filter(|answer| !answer.may_be_found(p.threshold)).map(Answer::absence)
+    is_nothing.then(|| (nothing_found(picture), theme::AMBER))
+}
+
+/// Says that nothing was found, and why, if that is the same for all prompts.
+fn nothing_found(picture: &Picture) -> String {
+    let reason = |(finding, prompt): (&Finding, &AskedPrompt)| {
+        let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(prompt.threshold));
+        answer.map_or(NOTHING, Answer::absence)
     };
-    let absences: Option<Vec<&str>> =
-        picture.findings.iter().zip(&picture.request.prompts).map(absence).collect();
-    let all_absent = absences.and_then(|all| all.first().map(|absence| sentence(absence)));
-    is_nothing.then(|| (all_absent.unwrap_or_else(|| NOTHING.to_owned()), theme::AMBER))
+    let reasons: Vec<&str> = picture.findings.iter().zip(&picture.request.prompts).map(reason).collect();
+    match &reasons[..] {
+        [first, others @ ..] if others.iter().all(|other| other == first) => sentence(first),
+        _ => NOTHING_OF_ALL.to_owned(),
+    }
 }
 
 /// Describes the picture in words, for users who cannot see it.

@@ -315,9 +315,10 @@ pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf
     }
 }
 
-/// Gives a text field the focus, with some of its letters selected.
+/// Gives a text field the focus, with some of its letters selected. It begins anew: undoing in it brings
+/// back no text that it held for something else.
 pub(crate) fn focus_selecting(field: &Response, letters: Range<usize>) {
-    let mut state = TextEditState::load(&field.ctx, field.id).unwrap_or_default();
+    let mut state = TextEditState::default();
     let range = CCursorRange::two(CCursor::new(letters.start), CCursor::new(letters.end));
     state.cursor.set_char_range(Some(range));
     state.store(&field.ctx, field.id);

@@ -129,6 +129,7 @@ fn ramp(side: usize, near: f32) -> Grid<f32> {
 fn request(frame: usize) -> Request {
     Request {
         view: FrameView { frame, ..FrameView::default() },
+        jump: 0,
         needs_original: true,
         needs_reconstruction: true,
         layer: None,

@@ -25,6 +25,8 @@ pub(crate) struct AskedPrompt {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Request {
     pub(crate) view: FrameView,
+    /// Number of the last jump before it, which tells pictures from before a jump from those behind it.
+    pub(crate) jump: u64,
     pub(crate) needs_original: bool,
     pub(crate) needs_reconstruction: bool,
     /// Layer of values to show as colours.

@@ -61,6 +61,7 @@ pub(crate) fn time_pictures(mut engine: Engine, words: &[String], frames: &[usiz
         .collect();
     let request = |frame: usize, change: f32| Request {
         view: FrameView { frame, ..FrameView::default() },
+        jump: 0,
         needs_original: false,
         needs_reconstruction: true,
         layer: None,

@@ -16,6 +16,14 @@ pub(crate) const HOP: isize = 10;
 /// Speeds that the keys step through, as multiples of the recording's speed.
 const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 
+/// A frame that was asked for, unlike those that follow it while it plays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Jump {
+    /// Number of frames that were asked for so far.
+    pub(crate) number: u64,
+    pub(crate) frame: usize,
+}
+
 /// Chooses the frame to show at a time. Times are seconds of any steady clock.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Playback {
@@ -29,6 +37,8 @@ pub(crate) struct Playback {
     /// First and last frame of the part that plays.
     range: Option<(usize, usize)>,
     frame: usize,
+    /// The last frame that was asked for.
+    jump: Jump,
     /// Time since which the present frame is shown; `None` while it stands still.
     playing_since: Option<f64>,
 }
@@ -45,6 +55,7 @@ impl Playback {
             looping: true,
             range: None,
             frame: 0,
+            jump: Jump::default(),
             playing_since: None,
         }
     }
@@ -69,6 +80,9 @@ impl Playback {
     }
     pub(crate) fn range(&self) -> Option<(usize, usize)> {
         self.range
+    }
+    pub(crate) fn jump(&self) -> Jump {
+        self.jump
     }
 
     /// Gives every frame its own time, seconds after the first; none if there are not as many as frames.
@@ -147,16 +161,33 @@ impl Playback {
         self.playing_since = None;
     }
 
-    /// Goes to a frame, at most to the last one. If it plays, it goes on from there.
+    /// Moves the clock to a frame that nobody asked for, at most to the last one. If it plays, it goes on from
+    /// there.
     pub(crate) fn seek(&mut self, frame: usize, now: f64) {
         self.frame = frame.min(self.num_frames - 1);
+        self.restart(now);
+    }
+
+    /// Goes to a frame that is asked for, at most to the last one. If it plays, it goes on from there.
+    pub(crate) fn go_to(&mut self, frame: usize, now: f64) {
+        self.jump_to(frame);
         self.restart(now);
     }
 
     /// Stops and moves by `frames`, at most to the first or last one.
     pub(crate) fn step(&mut self, frames: isize) {
         self.pause();
-        self.frame = self.frame.saturating_add_signed(frames).min(self.num_frames - 1);
+        self.jump_to(self.frame.saturating_add_signed(frames));
+    }
+
+    /// Moves to a frame that is asked for. Asking again for the one that it stands on is no other jump.
+    fn jump_to(&mut self, frame: usize) {
+        let frame = frame.min(self.num_frames - 1);
+        let stands_on_it = !self.is_playing() && [self.frame, self.jump.frame] == [frame; 2];
+        self.frame = frame;
+        if !stands_on_it {
+            self.jump = Jump { number: self.jump.number + 1, frame };
+        }
     }
 
     /// Selects the next faster (`+1`) or slower (`-1`) speed; the direction stays.
@@ -301,6 +332,28 @@ mod tests {
         assert_eq!(clock.frame(), 0);
         clock.step(1000);
         assert_eq!(clock.frame(), 47);
+    }
+
+    #[test]
+    fn the_frame_that_was_asked_for_is_known_while_it_plays_on() {
+        let mut clock = Playback::new(100, Some(10.0));
+        clock.play(0.0);
+        clock.go_to(40, 0.0);
+        clock.advance(0.5);
+        let asked = clock.jump();
+        assert_eq!((asked.frame, clock.frame()), (40, 45));
+        clock.seek(42, 0.5);
+        assert_eq!(clock.jump(), asked, "nobody asked for it");
+        clock.pause();
+        clock.go_to(40, 0.6);
+        let again = clock.jump();
+        assert!(again.frame == 40 && again.number != asked.number);
+        clock.go_to(40, 0.7);
+        assert_eq!(clock.jump(), again, "it stands on it");
+        clock.step(-50);
+        assert_eq!((clock.jump().frame, clock.frame()), (0, 0));
+        clock.go_to(usize::MAX, 0.8);
+        assert_eq!((clock.jump().frame, clock.frame()), (99, 99));
     }
 
     #[test]

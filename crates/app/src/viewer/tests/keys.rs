@@ -154,8 +154,43 @@ fn the_name_of_what_is_marked_is_typed_at_once_wherever_the_panel_stands() {
         assert!(names(&window).is_empty());
         window.press(Key::S);
         window.press(Key::S);
+        assert!(!window.harness.get_by_label(FIELD).is_focused(), "the name is kept");
+        window.harness.get_by_label(FIELD).focus();
+        window.harness.step();
         assert!(window.harness.get_by_label(FIELD).is_focused());
     }
+}
+
+#[test]
+fn no_key_types_over_a_name_that_the_tool_keeps() {
+    let mut window = Window::on(scene());
+    window.type_at_once("sduct\n");
+    (0..2).for_each(|_| window.press(Key::S));
+    let marking = |window: &Window| window.harness.state().shared.viewport.marking.clone();
+    for keys in ["x", " ", "d"] {
+        window.type_at_once(keys);
+        assert_eq!(marking(&window).name, "duct", "{keys:?}");
+    }
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.press(Key::End);
+    assert_eq!((marking(&window).name.as_str(), window.frame()), ("duct", FRAMES - 1));
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Depth);
+    window.type_at_once("s");
+    assert!(!marking(&window).is_on && marking(&window).name == "duct");
+}
+
+#[test]
+fn undoing_in_the_field_of_a_name_brings_no_name_of_another_mark_back() {
+    let mut window = Window::on(scene());
+    window.type_at_once("sduct\n");
+    window.press(Key::S);
+    window.add_prompt("gallbladder");
+    window.press(Key::S);
+    (0..3).for_each(|_| window.harness.step());
+    assert!(window.harness.get_by_label("Name of what is marked").is_focused());
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.harness.step();
+    assert_eq!(window.harness.state().shared.viewport.marking.name, "gallbladder");
 }
 
 #[test]
@@ -170,6 +205,7 @@ fn a_name_typed_fast_behind_the_key_of_the_tool_is_no_row_of_commands() {
     window.type_at_once("sd");
     assert!(!marking(&window).is_on, "the same key puts it away");
     assert_eq!(mode(&window), ViewMode::Depth, "and the next one is a command");
+    window.add_prompt("liver");
     window.press(Key::S);
     for is_on in [true, false] {
         window.press(Key::Escape);

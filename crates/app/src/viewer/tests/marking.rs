@@ -380,6 +380,49 @@ fn the_window_goes_where_a_mark_would_help_most() {
     assert_ne!(window.frame(), next, "that frame is left out");
 }
 
+/// Opens a window that knows where to look. Nothing is selected, and the tool was never used.
+fn doubtful() -> Window {
+    let mut window = Window::on(bare());
+    let shape = Shape::Click { point_px: [5.0, 5.0], radius_px: 1.0 };
+    let document = &mut window.harness.state_mut().shared.document;
+    document.add_mark(Mark::new(0, "fat", true, shape));
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    window.harness.state_mut().shared.document.selected = None;
+    window
+}
+
+#[test]
+fn a_name_typed_fast_where_one_looks_is_no_row_of_commands() {
+    let mut window = doubtful();
+    let mode = window.harness.state().shared.document.mode;
+    let key = |pressed| egui::Event::Key {
+        key: Key::S,
+        physical_key: None,
+        pressed,
+        repeat: false,
+        modifiers: Modifiers::SHIFT,
+    };
+    let events = &mut window.harness.input_mut().events;
+    events.extend([key(true), egui::Event::Text("S".into()), key(false)]);
+    window.type_at_once("duct\n");
+    let app = &window.harness.state().shared;
+    assert_eq!((app.viewport.marking.name.as_str(), window.frame()), ("duct", 17));
+    assert!(app.viewport.marking.is_on && app.document.mode == mode && !app.playback.is_playing());
+}
+
+#[test]
+fn looking_somewhere_takes_the_keyboard_from_no_name_that_waits_for_it() {
+    for is_waiting in [false, true] {
+        let mut window = doubtful();
+        let marking = &mut window.harness.state_mut().shared.viewport.marking;
+        (marking.name, marking.wants_name) = ("tool".into(), is_waiting);
+        window.press_with(Modifiers::SHIFT, Key::S);
+        window.harness.step();
+        assert_eq!(window.frame(), 17);
+        assert_eq!(window.harness.get_by_label("Name of what is marked").is_focused(), is_waiting);
+    }
+}
+
 #[test]
 fn typed_words_find_what_is_marked_and_nothing_else() {
     let mut window = Window::on(bare());

@@ -192,6 +192,62 @@ fn what_stops_or_marks_a_frame_goes_by_the_picture_that_is_seen() {
     assert!(range.is_some_and(|(first, last)| first < 4 && last == FRAMES - 1), "{range:?}");
 }
 
+/// Opens a window whose first picture stays: the next one is not finished as long as the sender is kept.
+fn stuck() -> (mpsc::Sender<()>, Window) {
+    let (permit, gate) = mpsc::channel();
+    let mut window = Window::gated(scene(), Some(gate));
+    window.until(|app| app.picture().is_some());
+    window.harness.state_mut().shared.document.mode = ViewMode::Reconstruction;
+    window.until_picture(|p| p.reconstruction.is_some());
+    window.add_prompt("gallbladder");
+    (permit, window)
+}
+
+/// Plays for most of a second.
+fn play_on(window: &mut Window) {
+    window.press(Key::Space);
+    (0..50).for_each(|_| window.harness.step());
+    assert!(window.harness.state().shared.playback.is_playing());
+}
+
+#[test]
+fn a_frame_that_was_asked_for_counts_before_its_picture_is_there() {
+    let (_permit, mut window) = stuck();
+    play_on(&mut window);
+    window.press(Key::End);
+    (0..20).for_each(|_| window.harness.step());
+    assert!(window.frame() < FRAMES - 1, "it plays on");
+    window.press(Key::M);
+    window.press(Key::Space);
+    assert_eq!(window.frame(), FRAMES - 1);
+    let app = &window.harness.state().shared;
+    assert!(!app.playback.is_playing() && app.document.bookmarks()[0].frame == FRAMES - 1);
+    window.type_at_once("g12\n");
+    play_on(&mut window);
+    window.press(Key::K);
+    assert_eq!(window.frame(), 11);
+    window.press(Key::ArrowRight);
+    play_on(&mut window);
+    window.press(Key::Space);
+    assert_eq!(window.frame(), 12);
+    assert_eq!(window.harness.state().shared.picture().unwrap().request.view.frame, 0);
+}
+
+#[test]
+fn bookmarks_are_gone_to_and_phases_begun_from_the_picture_that_is_seen() {
+    let (_permit, mut window) = stuck();
+    play_on(&mut window);
+    assert!(window.frame() > 10);
+    window.harness.state_mut().shared.document.toggle_bookmark(10);
+    window.press_with(Modifiers::COMMAND, Key::ArrowRight);
+    assert_eq!(window.frame(), 10, "the one behind the picture, not the clock");
+    let (_permit, mut window) = stuck();
+    play_on(&mut window);
+    window.press_with(Modifiers::SHIFT, Key::P);
+    (0..2).for_each(|_| window.harness.step());
+    assert!(window.shows("A new phase is of frames 1 to 48"));
+}
+
 #[test]
 fn every_key_of_the_map_is_a_command() {
     use crate::viewer::{command::keys::find, state::preferences::Keymap};

@@ -59,6 +59,19 @@ fn words_that_are_not_understood_are_not_said_to_be_absent() {
 }
 
 #[test]
+fn the_picture_gives_a_reason_only_where_it_is_that_of_all_prompts() {
+    const NEUTRAL: &str = "Nothing was found on this frame";
+    let mut window = Window::on(scene());
+    let says = |window: &Window, words: &str| painted(window).iter().any(|text| text == words);
+    ["banana", "spleen"].iter().for_each(|words| window.add_prompt(words));
+    window.until_found();
+    assert!(says(&window, "Not in this recording") && !says(&window, NEUTRAL));
+    window.add_prompt("Leber");
+    window.until_found();
+    assert!(window.shows(NEUTRAL) && says(&window, NEUTRAL));
+}
+
+#[test]
 fn the_export_says_what_nothing_will_be_written_for() {
     let mut window = Window::on(scene());
     ["gallbladder", "banana", "Leber", "spleen"].iter().for_each(|words| window.add_prompt(words));

@@ -46,11 +46,15 @@ impl Shared {
     }
 
     /// Returns the frame that is seen: while it plays, that of the picture on the screen, which may lag
-    /// behind the clock. Nothing is seen of a frame that is left out.
+    /// behind the clock; or the frame that was asked for since, until there is a picture behind it. Nothing is
+    /// seen of a frame that is left out.
     pub(crate) fn seen_frame(&self) -> usize {
-        let shown = self.picture().map(|picture| picture.request.view.frame);
-        let is_seen = |frame: &usize| self.playback.is_playing() && !self.document.is_excluded(*frame);
-        shown.filter(is_seen).unwrap_or(self.playback.frame())
+        let jump = self.playback.jump();
+        let shown = self.picture().map(|picture| &picture.request);
+        let shown = shown.filter(|request| request.jump == jump.number);
+        let frame = shown.map_or(jump.frame, |request| request.view.frame);
+        let is_seen = self.playback.is_playing() && !self.document.is_excluded(frame);
+        if is_seen { frame } else { self.playback.frame() }
     }
 
     /// Goes to the frame that is seen. If it plays, it goes on from there.
@@ -112,6 +116,7 @@ impl Shared {
         let is_moving = self.viewport.is_moving || self.playback.is_playing();
         Some(Request {
             view: FrameView { frame: self.playback.frame(), orbit, is_preview: is_moving && open.is_slow() },
+            jump: self.playback.jump().number,
             needs_original: mode.needs_original() || is_peeking,
             needs_reconstruction: mode.needs_reconstruction(),
             layer: mode.layer(),

@@ -88,14 +88,17 @@ impl Shared {
     }
 
     /// Takes the tool for marking in hand. A prompt that was selected since it was put away is what is
-    /// marked, unless another name is typed.
+    /// marked, unless another name is typed. Where the tool keeps its name, keys stay commands: none of them
+    /// types over it.
     pub(crate) fn take_marking(&mut self) {
         let selected = self.document.selected.and_then(|id| self.document.prompt(id));
         let name = selected.filter(|p| p.like.is_none()).map(|p| p.text.clone());
         let marking = &mut self.viewport.marking;
         let is_new = marking.name.is_empty() || self.document.selected != marking.put_away_at;
-        (marking.is_on, marking.draft, marking.wants_name) = (true, None, true);
-        if let Some(name) = name.filter(|_| is_new) {
+        let offered = name.filter(|name| is_new && *name != marking.name);
+        let wants_name = offered.is_some() || marking.name.is_empty();
+        (marking.is_on, marking.draft, marking.wants_name) = (true, None, wants_name);
+        if let Some(name) = offered {
             marking.name = name;
         }
         (self.viewport.has_ruler, self.viewport.probe) = (false, None);

@@ -151,7 +151,7 @@ impl Shared {
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
         self.playback =
             Playback::new(info.num_frames, info.frames_per_second).with_times(&info.frame_seconds);
-        self.playback.seek(frame, 0.0);
+        self.playback.go_to(frame, 0.0);
         if !is_same_recording {
             self.document.start_recording(CleanUp::usual(info.width, info.height));
             self.viewport.span = None;

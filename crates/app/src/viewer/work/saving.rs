@@ -188,7 +188,7 @@ impl Shared {
         self.document.look = display.look.mended(info.orbit_limit());
         self.viewport.wipe = if display.wipe.is_finite() { display.wipe.clamp(0.02, 0.98) } else { 0.5 };
         self.playback.restore(time.speed, time.repeats, now);
-        self.playback.seek(time.frame, now);
+        self.playback.go_to(time.frame, now);
         self.prompt_box.earlier = earlier_prompts;
         let (file, content) = saved.unzip();
         self.saving.saved = Saved { file, content: content.unwrap_or_default(), unknown };
@@ -350,12 +350,7 @@ fn not_written(kind: SavedKind, file: &Path, error: &Error) -> String {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             format!("There is no room left in {folder}: make some, or {elsewhere}.")
         }
-        _ => {
-            let why = source.to_string();
-            // The name of a temporary file may follow, which means nothing to anybody.
-            let why = why.split(" at path ").next().unwrap_or_default();
-            format!("The {what} could not be written into {folder}: {why}. {}.", sentence(&elsewhere))
-        }
+        _ => format!("The {what} could not be written into {folder}: {source}. {}.", sentence(&elsewhere)),
     }
 }
 
@@ -382,7 +377,7 @@ mod tests {
             let said = said(SavedKind::Session, cause.into());
             assert_eq!(said, format!("{expected}save the session in another folder."));
         }
-        let cause = std::io::Error::other("it broke at path \"/sys/.part-cQjvFa\"");
+        let cause = std::io::Error::other("it broke");
         let expected = "The marks could not be written into /sys: it broke.";
         assert_eq!(said(SavedKind::Marks, cause), format!("{expected} Save the marks in another folder."));
         let other = Error::input("it is no ordinary file", "Choose another name.");

@@ -6,14 +6,13 @@ pub(crate) mod packed;
 use super::{
     Annotation, Canvas, Shape,
     images::{Clue, Place, places},
+    names::{FrameNames, is_picture},
 };
 use crate::{Error, Result};
 use serde_json::{Map, Value};
 
 /// Key of the data of a task that is its image, unless its project is set up otherwise.
 const IMAGE: &str = "image";
-/// Endings of the names of pictures.
-const PICTURES: [&str; 8] = ["png", "jpg", "jpeg", "bmp", "gif", "tif", "tiff", "webp"];
 
 #[derive(serde::Deserialize)]
 struct Task {
@@ -63,7 +62,8 @@ pub(super) fn read(text: &[u8], canvas: &Canvas) -> Result<Vec<Annotation>> {
         let hint = "Export the tasks of Label Studio as JSON.";
         Error::input(format!("this is no file of Label Studio's tasks: {e}"), hint)
     })?;
-    let clues: Vec<Clue<'_>> = tasks.iter().map(|task| task.clue(canvas)).collect();
+    let frames = FrameNames::of(canvas);
+    let clues: Vec<Clue<'_>> = tasks.iter().map(|task| task.clue(&frames)).collect();
     let mut found = Vec::new();
     for (i, (task, place)) in tasks.iter().zip(places(&clues, canvas)?).enumerate() {
         if place == Place::LeftOut {
@@ -95,39 +95,46 @@ impl Task {
     }
 
     /// Returns what tells its frame: the address of its image, or else its number. Other words count if there
-    /// is neither.
-    fn clue<'a>(&'a self, canvas: &Canvas) -> Clue<'a> {
+    /// is neither. Of several addresses, one of a frame counts, or else one that may be.
+    fn clue<'a>(&'a self, frames: &FrameNames<'_>) -> Clue<'a> {
         let number = self.data.get("frame").and_then(Value::as_u64).map(|number| number as usize);
-        let of = |text: &'a str| Clue::of(text, &names_in(text), number, canvas);
+        let of = |text: &'a str| Clue::of_file(text, &names_in(text), number, frames);
         let texts = || self.data.values().filter_map(Value::as_str);
         let image = self.data.get(IMAGE).and_then(Value::as_str);
         let addresses = image.into_iter().chain(texts().filter(|text| is_address(text)));
         let clues: Vec<Clue<'a>> = addresses.map(of).collect();
-        let told = clues.iter().copied().find(Clue::names_a_frame).or(clues.first().copied());
-        let numbered = || number.map(|number| Clue::NONE.numbered(number));
+        let first = |is_it: fn(&Clue<'a>) -> bool| clues.iter().copied().find(is_it);
+        let told = first(Clue::names_a_frame).or_else(|| first(|clue| !clue.is_another()));
+        let told = told.or(clues.first().copied());
+        let numbered = || number.map(|_| Clue::NONE.numbered(number));
         let worded = || texts().map(of).find(Clue::names_a_frame);
         told.or_else(numbered).or_else(worded).unwrap_or(Clue::NONE)
     }
 }
 
-/// Returns `true` for a text that is the address of a picture.
+/// Returns `true` for a text that is the address of a picture. One on a host may also be that of a page or a
+/// video: then its name has another ending.
 fn is_address(text: &str) -> bool {
-    text.starts_with('/') || text.contains("://") || is_picture(text)
-}
-
-fn is_picture(name: &str) -> bool {
-    let ending = name.rsplit_once('.').map(|(_, ending)| ending.to_ascii_lowercase());
-    ending.is_some_and(|ending| PICTURES.contains(&ending.as_str()))
+    let [path, end] = ends_of(text);
+    let has_no_ending = !end.is_empty() && !path.contains('.') && !end.contains('.');
+    let is_on_host = text.contains("://") && (is_picture(path) || has_no_ending);
+    text.starts_with('/') || is_picture(text) || is_on_host
 }
 
 /// Returns the names that an address may stand for, the image's own last. Uploaded files get eight digits and
-/// a hyphen before their names; signed addresses go on with a question mark after them.
+/// a hyphen before their names.
 fn names_in(address: &str) -> Vec<&str> {
-    let path = end_of(address.split('?').next().unwrap_or(address));
-    let name = if is_picture(path) { path } else { end_of(address) };
+    let [path, end] = ends_of(address);
+    let name = if is_picture(path) { path } else { end };
     let is_added = |added: &str| added.len() == 8 && added.bytes().all(|digit| digit.is_ascii_hexdigit());
     let original = name.split_once('-').filter(|(added, _)| is_added(added));
     std::iter::once(name).chain(original.map(|(_, original)| original)).collect()
+}
+
+/// Returns the names at the end of an address before a question mark, with which signed ones go on, and at
+/// its very end.
+fn ends_of(address: &str) -> [&str; 2] {
+    [end_of(address.split('?').next().unwrap_or(address)), end_of(address)]
 }
 
 /// Returns what follows the last separator of an address.

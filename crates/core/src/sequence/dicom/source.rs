@@ -112,66 +112,99 @@ fn stream(path: &Path, object: &Object, decoder: &Decoder, selection: &Selection
         return Err(object.unreadable("they are not stored as the file says"));
     };
     let file = Pieces::of(&object.path, fragments);
+    let kind = video::container(&head(&file)).unwrap_or(Container::Other);
+    let index = index(object, &file, kind, decoder);
+    let cut = index.as_ref().ok().and_then(Mp4::clear_cut).cloned();
     let why_not_here = match decoder {
-        Decoder::H264 => match h264(object, &file, selection) {
+        Decoder::H264 => match index.and_then(|mp4| h264(object, &file, mp4, selection)) {
             Ok(found) => return found.map(|recording| with_origin(recording, path, object)),
             Err(why) => why,
         },
         _ => "its coding is another one than H.264".to_owned(),
     };
-    let scratch = scratch_folder()?;
-    let input = taken_out(&file, scratch.path().join("stream"))?;
     let form = match decoder {
         Decoder::Unpacked(form) => Some(*form),
         _ => None,
     };
-    let kind = if is_mp4(&file) { Container::Mp4 } else { Container::Other };
-    let index = if kind == Container::Mp4 { Mp4::read(&file).ok() } else { None };
-    let cut = index.map(|mp4| mp4.cut);
-    let promised = cut.as_ref().is_none_or(Cut::is_whole).then_some(object.num_frames);
+    let scratch = scratch_folder()?;
+    let input = taken_out(&file, scratch.path().join("stream"))?;
+    let followed = cut.as_ref().filter(|cut| !cut.is_whole());
+    let (promised, follows_edits) =
+        (Some(followed.map_or(object.num_frames, |cut| cut.used.len())), followed.is_some());
     let (program, path_of_object) = (PathBuf::from(ffmpeg::PROGRAM), object.path.clone());
-    let video = Unread { program, path: path_of_object, input, form, kind, promised, why_not_here };
-    let mut recording = ffmpeg::open(video, selection, ffmpeg::Shared::default())?;
+    let video =
+        Unread { program, path: path_of_object, input, form, kind, promised, follows_edits, why_not_here };
+    let mut recording = by_ffmpeg(object, video, selection)?;
     recording.scratch.push(scratch);
-    recording.notes.extend(cut.and_then(|cut| cut.note(selection)));
+    recording.cautions.extend(cut.and_then(|cut| cut.note(selection)));
+    Ok(with_origin(recording, path, object))
+}
+
+/// Reads the index of a stream in mp4, or finds the pictures of a bare one; the error says why that is not
+/// possible. An edit list hides no pictures that the file counts as its frames.
+fn index(object: &Object, file: &Pieces, kind: Container, decoder: &Decoder) -> Result<Mp4, String> {
+    let mut mp4 = match (kind, decoder) {
+        (Container::Mp4, _) => Mp4::read(file)?,
+        (Container::Other, Decoder::H264) if annex_b::is_bare(&head(file)) => {
+            annex_b::index(file, object.size)?
+        }
+        _ => return Err("its container is neither mp4 nor a bare stream".to_owned()),
+    };
+    if mp4.pictures.len() == object.num_frames {
+        mp4.cut = Cut::nothing(object.num_frames);
+    }
+    Ok(mp4)
+}
+
+/// Opens a video that is not decoded here.
+fn by_ffmpeg(object: &Object, video: Unread, selection: &Selection) -> Result<Recording> {
+    let note = video.promised.map_or(Ok(None), |there| compare(object, there, selection))?;
+    let mut recording = ffmpeg::open(video, selection, ffmpeg::Shared::default())?;
     if (recording.width, recording.height) != object.size {
         let (width, height) = object.size;
         let what = format!("they are {}×{} instead of {width}×{height}", recording.width, recording.height);
         return Err(object.unreadable(&what));
     }
-    Ok(with_origin(recording, path, object))
+    recording.notes.extend(note);
+    Ok(recording)
 }
 
-/// Opens an H.264 stream, in mp4 or bare; the outer error says why that is not possible here.
-fn h264(object: &Object, file: &Pieces, selection: &Selection) -> Result<Result<Recording>, String> {
-    let mp4 = if is_mp4(file) {
-        Mp4::read(file)?
-    } else if annex_b::is_bare(&head(file)) {
-        annex_b::index(file, object.size)?
-    } else {
-        return Err("its container is neither mp4 nor a bare stream".to_owned());
-    };
+/// Compares the number of frames that the file tells with the number `there` that its video has. Returns a
+/// note if it has more.
+///
+/// # Errors
+/// A video that has fewer, unless none of the requested ones is missing.
+fn compare(object: &Object, there: usize, selection: &Selection) -> Result<Option<String>> {
+    let told = object.num_frames;
+    if there < told && selection.last.is_none_or(|last| last >= there) {
+        let what = format!("it lists {told} frames and holds {there} of them");
+        return Err(h264::cut_off(&object.path, &what, there));
+    }
+    let note = || format!("The file lists {told} frames; its video has {there}, and all are used");
+    Ok((there > told).then(note))
+}
+
+/// Opens an H.264 stream; the outer error says why that is not possible here.
+fn h264(
+    object: &Object,
+    file: &Pieces,
+    mp4: Mp4,
+    selection: &Selection,
+) -> Result<Result<Recording>, String> {
     let there = mp4.frames_there();
-    let promised = if mp4.cut.is_whole() { object.num_frames } else { there };
-    if let Err(e) = video::expect_whole(&object.path, &mp4, selection) {
-        return Ok(Err(e));
-    }
-    if there < promised && selection.last.is_none_or(|last| last >= there) {
-        let what = format!("it lists {promised} frames and holds {there} of them");
-        return Ok(Err(h264::cut_off(&object.path, &what, there)));
-    }
+    let is_whole = video::expect_whole(&object.path, &mp4, selection);
+    let note = match is_whole.and_then(|()| compare(object, there, selection)) {
+        Ok(note) => note,
+        Err(e) => return Ok(Err(e)),
+    };
     let video = H264::open(file, mp4, Arc::default())?;
     if video.size() != object.size {
         let ((width, height), (w, h)) = (object.size, video.size());
         return Err(format!("its pictures are {w}×{h} instead of {width}×{height}"));
     }
     let mut opened = video::open_h264(&object.path, video, selection);
-    if let Ok(recording) = &mut opened
-        && there > promised
-    {
-        recording
-            .notes
-            .push(format!("The file lists {promised} frames; its video has {there}, and all are used"));
+    if let Ok(recording) = &mut opened {
+        recording.notes.extend(note);
     }
     Ok(opened)
 }
@@ -188,10 +221,6 @@ fn head(file: &Pieces) -> Vec<u8> {
     // What cannot be read is reported by those that read the whole.
     let _ = file.open().and_then(|reader| reader.take(16).read_to_end(&mut head));
     head
-}
-
-fn is_mp4(file: &Pieces) -> bool {
-    head(file).get(4..8) == Some(b"ftyp")
 }
 
 /// Copies a stream into a file of its own.

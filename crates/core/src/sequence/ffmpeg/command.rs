@@ -13,13 +13,18 @@ pub(super) const WHOLE_PICTURES: &str = "bwdif=mode=send_frame:deint=interlaced"
 const STEADY_CLOCK: &str = "settb=1/25,setpts=N";
 
 impl Unread {
+    /// Returns `true` if all frames of an mp4 come, those among them that an edit list hides. By itself ffmpeg
+    /// leaves them out.
+    pub(super) fn ignores_edits(&self) -> bool {
+        self.kind == Container::Mp4 && !self.follows_edits
+    }
+
     /// Begins a command that reads the video track, from a time on if one is given, seconds on its own clock.
     /// Reading begins there or earlier, where decoding may start.
     pub(super) fn reading(&self, from: Option<f64>) -> Command {
         let mut command = Command::new(&self.program);
         command.args(["-hide_banner", "-nostats", "-nostdin", "-loglevel", "level+info"]);
-        if self.kind == Container::Mp4 && self.promised.is_some() {
-            // All frames of the index are promised, those among them that an edit list hides.
+        if self.ignores_edits() {
             command.args(["-ignore_editlist", "1"]);
         }
         if let Some(form) = self.form {

@@ -246,10 +246,12 @@ pub(super) fn compare(
                 "it lasts {all:.2} s, its frames end at {reached:.2} s: {}{about} could be decoded",
                 told.frames
             );
-            if told.complaint.is_some() || !told.has_audio {
+            // With an edit list that delays frames, or repeats some, a video lasts longer than they do.
+            if told.complaint.is_some() || !(told.has_audio || video.ignores_edits()) {
                 return cut_off(what + &complaint, told.frames);
             }
-            notes.push(format!("The video may be cut off: {what}, or its sound is longer"));
+            let longer = if told.has_audio { "its sound is longer" } else { "an edit list makes it longer" };
+            notes.push(format!("The video may be cut off: {what}, or {longer}"));
         }
         _ => {}
     }

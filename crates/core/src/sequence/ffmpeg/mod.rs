@@ -55,10 +55,21 @@ pub(super) struct Unread {
     /// ffmpeg's name of the form of that file, if the file does not say it.
     pub form: Option<&'static str>,
     pub kind: Container,
-    /// Number of frames that its index lists, if it has one.
+    /// Number of frames that have to come, as the index tells, or the file that the video lies in. `None` if
+    /// neither does.
     pub promised: Option<usize>,
+    /// `true` if an edit list is followed, which hides frames at the ends: they are not promised.
+    pub follows_edits: bool,
     /// The reason why it is not decoded here, without a full stop.
     pub why_not_here: String,
+}
+
+impl Unread {
+    /// Returns the largest number of frames that are used. Where ffmpeg follows an edit list, one more may come:
+    /// the list's clock rounds.
+    fn most_frames(&self) -> usize {
+        self.promised.filter(|_| self.follows_edits).unwrap_or(usize::MAX)
+    }
 }
 
 /// Folders with unpacked videos, those that are gone already among them.
@@ -129,14 +140,14 @@ fn stream(
         return Err(cut_off(&video.path, &what, there));
     }
     let notes = compare(&video, selection, &told, there)?;
-    let path = video.path.clone();
+    let (path, used) = (video.path.clone(), there.min(video.most_frames()));
     let stream = Arc::new(Stream::new(video, listing, size, shared));
     let frame = |index| {
         FrameFiles::new(format!("{index:06}"), Picture::Stream { stream: Arc::clone(&stream), index })
     };
-    let mut recording = Recording::new(&path, size, (0..there).map(frame).collect());
+    let mut recording = Recording::new(&path, size, (0..used).map(frame).collect());
     recording.seconds = told.seconds;
-    recording.seconds.truncate(there);
+    recording.seconds.truncate(used);
     recording.frames_per_second = mean_speed(&recording.seconds).or(told.frames_per_second);
     recording.notes = notes;
     recording.shape_pixels(told.pixel_aspect);
@@ -163,6 +174,7 @@ fn unpack(video: &Unread, selection: &Selection) -> Result<Recording> {
     if let Some(last) = selection.last {
         pictures.truncate((last - selection.first) / selection.every.max(1) + 1);
     }
+    pictures.truncate(video.most_frames().saturating_sub(first).div_ceil(every.max(1)));
     let mut recording = Recording::of_pictures(&video.path, &pictures)?;
     for (k, frame) in recording.frames.iter_mut().enumerate() {
         frame.name = format!("{:06}", first + k * every);

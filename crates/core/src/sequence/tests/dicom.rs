@@ -135,7 +135,7 @@ impl File {
         bytes
     }
 
-    fn open(&self, path: &Path) -> Result<Sequence> {
+    pub(super) fn open(&self, path: &Path) -> Result<Sequence> {
         fs::write(path, self.bytes()).unwrap();
         Sequence::open(path)
     }
@@ -163,12 +163,16 @@ pub(super) fn plain() -> File {
     file
 }
 
-/// The video of the tests in two fragments that are cut anywhere.
+/// The video of the tests.
 fn video(folder: &Path) -> File {
     let path = folder.join("clip.mp4");
     write_video(&path);
-    let mp4 = fs::read(path).unwrap();
-    let mut file = File::new(H264_HIGH, (64, 48), 25);
+    of_mp4(&fs::read(path).unwrap(), 25)
+}
+
+/// A video of 64 × 48 in two fragments that are cut anywhere. The file says that it has so many frames.
+pub(super) fn of_mp4(mp4: &[u8], frames: usize) -> File {
+    let mut file = File::new(H264_HIGH, (64, 48), frames);
     file.identifying().set((0x0018, 0x1063), "DS", text("40.0"));
     file.set((0x0028, 0x0004), "CS", text("YBR_PARTIAL_420"));
     let (first, second) = mp4.split_at((mp4.len() / 3) & !1);

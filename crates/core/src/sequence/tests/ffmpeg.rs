@@ -37,6 +37,7 @@ fn clip(program: &Path) -> Unread {
         form: None,
         kind: Container::Other,
         promised: None,
+        follows_edits: false,
         why_not_here: "why".into(),
     }
 }
@@ -99,6 +100,21 @@ fn what_may_be_whole_is_not_refused() {
     // Damage within the video is reported.
     let damaged = WHOLE.to_owned() + &frames(50) + "[h264 @ 0x2] [error] error while decoding MB 7 4\n";
     assert!(said(&damaged, Some(50), &ALL).unwrap()[0].contains("error while decoding MB 7 4"));
+}
+
+#[test]
+fn edit_lists_are_followed_only_where_they_are_known() {
+    let ignores = |kind: Container, follows_edits: bool| {
+        let video = Unread { kind, follows_edits, ..clip(Path::new("ffmpeg")) };
+        video.reading(None).get_args().any(|argument| argument == "-ignore_editlist")
+    };
+    assert!(ignores(Container::Mp4, false) && !ignores(Container::Mp4, true));
+    assert!(!ignores(Container::Other, false), "other files have no such option");
+    // What delays frames counts in the duration of a file, and is ignored with the list.
+    let delayed = Told::listen((WHOLE.replace("02.00", "03.00") + &frames(50)).as_bytes());
+    let compared = |kind| compare(&Unread { kind, ..clip(Path::new("ffmpeg")) }, &ALL, &delayed, 50);
+    assert!(compared(Container::Other).is_err());
+    assert!(compared(Container::Mp4).unwrap()[0].contains("or an edit list makes it longer"));
 }
 
 #[test]

@@ -1,9 +1,13 @@
 //! Tests of videos whose frames ffmpeg decodes as they are asked for. They need the program itself; without
 //! it they say so and pass, but with `CI` in the environment they fail.
 
-use crate::sequence::{
-    ffmpeg::{Container, PROGRAM, Shared, Unread, open_within},
-    recording::{Recording, Selection},
+use crate::{
+    Result,
+    sequence::{
+        ffmpeg::{Container, PROGRAM, Shared, Unread, open_within},
+        recording::{Recording, Selection},
+        video,
+    },
 };
 use std::{
     path::{Path, PathBuf},
@@ -32,13 +36,17 @@ fn unread(path: &Path) -> Unread {
     let kind = if path.extension().is_some_and(|e| e == "mp4") { Container::Mp4 } else { Container::Other };
     let (program, why_not_here) = (PathBuf::from(PROGRAM), String::new());
     let (path, input) = (path.to_owned(), path.to_owned());
-    Unread { program, path, input, form: None, kind, promised: None, why_not_here }
+    Unread { program, path, input, form: None, kind, promised: None, follows_edits: false, why_not_here }
 }
 
 /// Opens a video whose frames are unpacked, or decoded as they are asked for.
 fn opened(path: &Path, is_unpacked: bool, selection: &Selection) -> Recording {
+    opened_as(unread(path), is_unpacked, selection).unwrap()
+}
+
+fn opened_as(video: Unread, is_unpacked: bool, selection: &Selection) -> Result<Recording> {
     let most = if is_unpacked { u64::MAX } else { 0 };
-    open_within(unread(path), selection, Shared::default(), most).unwrap()
+    open_within(video, selection, Shared::default(), most)
 }
 
 #[test]
@@ -99,34 +107,65 @@ fn selected_frames_are_decoded_too() {
     assert!((0..whole.frames.len()).all(|i| stream.frame(i).unwrap() == whole.frame(i).unwrap()));
 }
 
+/// Copies a video of four seconds without its first second, and hides the last one, too: the movie lasts for
+/// two seconds, and so does its edit list, as far as its clock tells. The pictures are still there.
+fn cut(whole: &Path, to: &Path) {
+    let mut command = Command::new(PROGRAM);
+    command.args(["-loglevel", "error", "-nostdin", "-y", "-ss", "1", "-i"]).arg(whole);
+    assert!(command.args(["-c", "copy"]).arg(to).status().unwrap().success());
+    let mut bytes = std::fs::read(to).unwrap();
+    for (kind, place, milliseconds) in [(b"mvhd", 20, 2000_u32), (b"elst", 12, 2001)] {
+        let at = bytes.windows(4).position(|word| word == kind).unwrap() + place;
+        assert_eq!(bytes[at..at + 4], 3000_u32.to_be_bytes());
+        bytes[at..at + 4].copy_from_slice(&milliseconds.to_be_bytes());
+    }
+    std::fs::write(to, bytes).unwrap();
+}
+
 #[test]
 fn what_an_edit_list_hides_does_not_come() {
     if !is_ffmpeg_there() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let [whole, cut] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
+    let [whole, part] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
     assert!(make(&whole, "-c:v mpeg4 -g 40"));
-    let mut command = Command::new(PROGRAM);
-    command.args(["-loglevel", "error", "-nostdin", "-y", "-ss", "1", "-i"]).arg(&whole);
-    assert!(command.args(["-c", "copy"]).arg(&cut).status().unwrap().success());
-    // The last of the three seconds is hidden, too: the movie and the list last for two, in milliseconds.
-    let mut bytes = std::fs::read(&cut).unwrap();
-    for (kind, lasts) in [(b"mvhd", 20), (b"elst", 12)] {
-        let at = bytes.windows(4).position(|word| word == kind).unwrap() + lasts;
-        assert_eq!(bytes[at..at + 4], 3000_u32.to_be_bytes());
-        bytes[at..at + 4].copy_from_slice(&2000_u32.to_be_bytes());
-    }
-    std::fs::write(&cut, bytes).unwrap();
+    cut(&whole, &part);
     let whole = opened(&whole, true, &Selection::ALL);
-    let [unpacked, stream] = [true, false].map(|is_unpacked| opened(&cut, is_unpacked, &Selection::ALL));
-    let usual = crate::sequence::video::open(&cut, &Selection::ALL).unwrap();
+    let following =
+        |promised: usize| Unread { promised: Some(promised), follows_edits: true, ..unread(&part) };
+    let [unpacked, stream] =
+        [true, false].map(|is_unpacked| opened_as(following(50), is_unpacked, &Selection::ALL).unwrap());
+    let usual = video::open(&part, &Selection::ALL).unwrap();
     for part in [&unpacked, &stream, &usual] {
         assert_eq!((part.frames.len(), part.frames[0].name.as_str()), (50, "000000"));
         assert!([49, 0, 20].iter().all(|i| part.frame(*i).unwrap() == whole.frame(25 + i).unwrap()));
     }
-    let notes = usual.notes.join(" ");
-    assert!(notes.contains("hides the first 25 frames and the last 25 frames"), "{notes}");
+    let said = usual.cautions.join(" ");
+    assert!(said.contains("hides the first 25 frames and the last 25 frames"), "{said}");
+    for is_unpacked in [true, false] {
+        let refused = opened_as(following(80), is_unpacked, &Selection::ALL).unwrap_err().to_string();
+        assert!(refused.contains("it lists 80 frames, 51 could be decoded"), "{refused}");
+    }
+}
+
+#[test]
+fn an_edit_list_that_is_not_known_hides_nothing() {
+    if !is_ffmpeg_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, part] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
+    assert!(make(&whole, "-c:v mpeg4 -g 40"));
+    cut(&whole, &part);
+    // Without its first box, ffmpeg alone reads the file.
+    let mut bytes = std::fs::read(&part).unwrap();
+    bytes[4..8].copy_from_slice(b"free");
+    std::fs::write(&part, bytes).unwrap();
+    let whole = opened(&whole, true, &Selection::ALL);
+    let unknown = video::open(&part, &Selection::ALL).unwrap();
+    assert_eq!((unknown.frames.len(), unknown.cautions.len()), (100, 0));
+    assert!([99, 0, 25].iter().all(|i| unknown.frame(*i).unwrap() == whole.frame(*i).unwrap()));
 }
 
 #[test]
@@ -173,7 +212,7 @@ fn pixels_have_the_shape_that_the_file_tells() {
     assert!([true, false].iter().all(|is_unpacked| is_wide(&opened(&path, *is_unpacked, &Selection::ALL))));
     let path = folder.path().join("wide.mp4");
     if make(&path, "-c:v libx264 -vf setsar=4/3 -pix_fmt yuv420p") {
-        let decoded_here = crate::sequence::video::open(&path, &Selection::ALL).unwrap();
+        let decoded_here = video::open(&path, &Selection::ALL).unwrap();
         assert!(decoded_here.read_by_ffmpeg.is_empty() && is_wide(&decoded_here));
     }
 }

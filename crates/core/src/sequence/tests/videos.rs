@@ -1,7 +1,7 @@
 //! Tests of videos, which are made here with the encoder and a small muxer.
 
-use super::*;
-use crate::{progress::unobserved, reading::Pieces};
+use super::{dicom::of_mp4, *};
+use crate::{progress::unobserved, reading::Pieces, sequence::mp4::Mp4};
 use openh264::{
     OpenH264API,
     encoder::{BitRate, Encoder, EncoderConfig, FrameType, IntraFramePeriod, RateControlMode},
@@ -9,7 +9,7 @@ use openh264::{
 };
 use shiguredo_mp4::{
     Decode, Encode, FixedPointNumber,
-    boxes::{EdtsBox, ElstBox, ElstEntry, MoovBox},
+    boxes::{CttsBox, CttsEntry, EdtsBox, ElstBox, ElstEntry, MoovBox},
 };
 
 const SIZE: (usize, usize) = (64, 48);
@@ -48,20 +48,27 @@ pub(super) fn write_video(path: &Path) {
 /// Gives the track of a file an edit list of parts that begin at a time, or show nothing if that is negative,
 /// and last for some time, seconds.
 fn add_edit_list(path: &Path, parts: &[(f64, f64)]) {
+    change_tables(path, |movie| {
+        let ticks = |seconds: f64, clock: u32| (seconds * f64::from(clock)).round();
+        let movie_clock = movie.mvhd_box.timescale.get();
+        let track = &mut movie.trak_boxes[0];
+        let clock = track.mdia_box.mdhd_box.timescale.get();
+        let entry = |&(from, lasts): &(f64, f64)| ElstEntry {
+            edit_duration: ticks(lasts, movie_clock) as u64,
+            media_time: if from < 0.0 { -1 } else { ticks(from, clock) as i64 },
+            media_rate: FixedPointNumber::new(1, 0),
+        };
+        let list = ElstBox { entries: parts.iter().map(entry).collect() };
+        track.edts_box = Some(EdtsBox { elst_box: Some(list), unknown_boxes: Vec::new() });
+    });
+}
+
+/// Changes the tables of a file.
+fn change_tables(path: &Path, change: impl FnOnce(&mut MoovBox)) {
     let mut bytes = std::fs::read(path).unwrap();
     let kind = bytes.windows(4).position(|word| word == b"moov").unwrap();
     let (mut movie, _) = MoovBox::decode(&bytes[kind - 4..]).unwrap();
-    let ticks = |seconds: f64, clock: u32| (seconds * f64::from(clock)).round();
-    let movie_clock = movie.mvhd_box.timescale.get();
-    let track = &mut movie.trak_boxes[0];
-    let clock = track.mdia_box.mdhd_box.timescale.get();
-    let entry = |&(from, lasts): &(f64, f64)| ElstEntry {
-        edit_duration: ticks(lasts, movie_clock) as u64,
-        media_time: if from < 0.0 { -1 } else { ticks(from, clock) as i64 },
-        media_rate: FixedPointNumber::new(1, 0),
-    };
-    let list = ElstBox { entries: parts.iter().map(entry).collect() };
-    track.edts_box = Some(EdtsBox { elst_box: Some(list), unknown_boxes: Vec::new() });
+    change(&mut movie);
     // The pictures stay where they are.
     bytes[kind..kind + 4].copy_from_slice(b"free");
     bytes.extend(movie.encode_to_vec().unwrap());
@@ -188,6 +195,50 @@ fn what_an_edit_list_hides_is_no_part_of_the_recording() {
 }
 
 #[test]
+fn pictures_that_a_dicom_file_counts_are_not_hidden() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    add_edit_list(&path, &[(0.7, 1.3)]);
+    let (mp4, shown) = (std::fs::read(&path).unwrap(), Sequence::open(&path).unwrap());
+    let opened = |frames: usize| of_mp4(&mp4, frames).open(&folder.path().join("clip.dcm"));
+    let warnings = |sequence: &Sequence| check(sequence, &mut unobserved).unwrap().warnings.join(" ");
+    let cut = opened(13).unwrap();
+    assert_eq!((cut.num_frames(), cut.cautions().len()), (13, 1));
+    assert_eq!(cut.frame(0).unwrap(), shown.frame(0).unwrap());
+    let whole = opened(FRAMES).unwrap();
+    assert_eq!((whole.num_frames(), whole.cautions().len()), (FRAMES, 0));
+    assert_eq!(whole.frame(7).unwrap(), shown.frame(0).unwrap());
+    let said = message(opened(14));
+    assert!(said.contains("it lists 14 frames and holds 13"), "{said}");
+    let said = warnings(&opened(12).unwrap());
+    assert!(said.contains("The file lists 12 frames; its video has 13"), "{said}");
+}
+
+#[test]
+fn offsets_below_zero_are_read_in_tables_that_have_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let times = || {
+        let mp4 = Mp4::read(&Pieces::whole(&path).unwrap()).unwrap();
+        mp4.pictures.iter().map(|picture| picture.shown_at).collect::<Vec<_>>()
+    };
+    let offset = |version: u8, sample_offset: i64| {
+        let entries = vec![CttsEntry { sample_count: FRAMES as u32, sample_offset }];
+        change_tables(&path, |movie| {
+            let table = &mut movie.trak_boxes[0].mdia_box.minf_box.stbl_box;
+            table.ctts_box = Some(CttsBox { version, entries });
+        });
+        times()
+    };
+    let plain = offset(0, 0);
+    let expected: Vec<i64> = plain.iter().map(|time| time - 3).collect();
+    assert_eq!(offset(1, -3), expected);
+    assert_eq!(offset(0, i64::from(u32::MAX) - 2), expected);
+}
+
+#[test]
 fn damaged_and_foreign_files_are_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clip.mp4");
@@ -209,7 +260,7 @@ fn a_missing_picture_is_an_error_and_shifts_no_other() {
     write_video(&path);
     let whole = Sequence::open(&path).unwrap();
     let (after, before) = (whole.frame(12).unwrap(), whole.identity().unwrap());
-    let lost = super::super::mp4::Mp4::read(&Pieces::whole(&path).unwrap()).unwrap().pictures.swap_remove(5);
+    let lost = Mp4::read(&Pieces::whole(&path).unwrap()).unwrap().pictures.swap_remove(5);
     let mut bytes = std::fs::read(&path).unwrap();
     bytes[lost.offset as usize..][..lost.size].fill(0);
     std::fs::write(&path, bytes).unwrap();
