@@ -70,7 +70,8 @@ impl<'a> Clue<'a> {
     ) -> Self {
         let clue = Self::of(name, names, number, frames);
         let is_numbered = names.last().is_some_and(|own| frames.is_numbered(own));
-        if clue.is_another() && is_numbered { Self::called(name).numbered(number) } else { clue }
+        let counts = number.is_some() && clue.is_another() && is_numbered;
+        if counts { Self::called(name).numbered(number) } else { clue }
     }
 
     /// Returns the clue with a number, which counts where the name tells nothing.
@@ -173,21 +174,22 @@ mod tests {
 
     #[test]
     fn a_word_and_a_number_tell_nothing_of_a_video() {
-        let clue = |frame_names: &[&str], name: &str| {
+        let clue = |frame_names: &[&str], name: &str, number: Option<usize>| {
             let frame_names = frame_names.iter().map(|name| (*name).to_owned()).collect();
             let canvas = Canvas { width: 8, height: 6, frame_names, num_frames: 3 };
             let frames = FrameNames::of(&canvas);
             let clues =
-                [Clue::of_file(name, &[name], Some(1), &frames), Clue::of(name, &[name], Some(1), &frames)];
+                [Clue::of_file(name, &[name], number, &frames), Clue::of(name, &[name], number, &frames)];
             clues.map(|clue| clue.place)
         };
         let video = ["000000", "000001", "000002"];
-        for name in ["frame_000002.png", "deep/img_7.jpg", "Bild_0002"] {
-            assert_eq!(clue(&video, name), [Place::Frame(1), Place::LeftOut], "{name}");
+        for name in ["frame_000002.png", "deep/img_7.jpg", "Image_0002"] {
+            assert_eq!(clue(&video, name, Some(1)), [Place::Frame(1), Place::LeftOut], "{name}");
+            assert_eq!(clue(&video, name, None), [Place::LeftOut; 2], "{name}");
         }
-        for name in ["patient99_000002.png", "frame_.png", "_000002.png", "a_b_000002.png", "frame.png"] {
-            assert_eq!(clue(&video, name), [Place::LeftOut; 2], "{name}");
+        for name in ["patient_000002.png", "frame_.png", "_000002.png", "a_b_000002.png", "frame.png"] {
+            assert_eq!(clue(&video, name, Some(1)), [Place::LeftOut; 2], "{name}");
         }
-        assert_eq!(clue(&["shot 0", "shot 1", "shot 2"], "frame_000002.png"), [Place::LeftOut; 2]);
+        assert_eq!(clue(&["shot 0", "shot 1", "shot 2"], "frame_000002.png", Some(1)), [Place::LeftOut; 2]);
     }
 }

@@ -5,7 +5,12 @@ use super::Canvas;
 use std::collections::BTreeMap;
 
 /// Endings of the names of pictures.
-const PICTURES: [&str; 8] = ["png", "jpg", "jpeg", "bmp", "gif", "tif", "tiff", "webp"];
+const PICTURES: [&str; 16] = [
+    "png", "jpg", "jpeg", "jpe", "jfif", "jp2", "bmp", "gif", "tif", "tiff", "webp", "avif", "heic", "ppm",
+    "pgm", "tga",
+];
+/// Words before the numbers of pictures, in the names that programs give to those of a video.
+const WORDS: [&str; 3] = ["frame", "image", "img"];
 
 /// Returns a name without its folders.
 pub(super) fn last_part(name: &str) -> &str {
@@ -80,10 +85,10 @@ impl<'a> FrameNames<'a> {
         !is_number(number) || self.numbers.values().any(|known| are_numbered_alike(known, number))
     }
 
-    /// Returns `true` if a name is a word and a number, `frame_000002.png`, and frames have mere numbers for
-    /// names: so programs call the pictures of a video that they take apart.
+    /// Returns `true` if a name is a number after `frame_` or another such word, and frames have mere numbers
+    /// for names: so programs call the pictures of a video that they take apart.
     pub(super) fn is_numbered(&self, name: &str) -> bool {
-        let is_word = |word: &str| !word.is_empty() && word.chars().all(char::is_alphabetic);
+        let is_word = |word: &str| WORDS.iter().any(|known| word.eq_ignore_ascii_case(known));
         let parts = stem(last_part(name)).rsplit_once('_');
         self.are_numbers && parts.is_some_and(|(word, number)| is_word(word) && is_number(number))
     }

@@ -213,9 +213,10 @@ fn images_of_tasks_tell_more_than_other_words() {
         (r#""case": "3", "image": "0007.png", "frame": 5"#, 5),
         (r#""case": "3", "frame": 5"#, 5),
         (r#""picture": "3""#, 3),
-        (r#""image": "a/other.png", "small": "https://host/0007.png", "frame": 5"#, 5),
         (r#""url": "https://host/7", "frame": 1"#, 7),
         (r#""video": "https://host/clip.mp4", "frame": 4"#, 4),
+        (r#""video": "/data/upload/1/clip.mp4", "frame": 4"#, 4),
+        (r#""image": "a/other.png", "url": "/data/local-files/?d=a/6.png", "frame": 5"#, 6),
         (r#""page": "https://host/view.html?x=1", "site": "https://host/", "frame": 4"#, 4),
     ] {
         assert_eq!(frame(data).unwrap(), expected, "{data}");
@@ -224,6 +225,8 @@ fn images_of_tasks_tell_more_than_other_words() {
         r#""case": "3", "image": "a/other.png""#,
         r#""case": "3", "image": "other", "frame": 3"#,
         r#""url": "https://host/other", "frame": 3"#,
+        r#""image": "a/other.png", "issue": "https://tracker/issues/8812", "frame": 5"#,
+        r#""image": "a/other.png", "small": "https://host/0007.png", "frame": 5"#,
     ] {
         let message = frame(data).unwrap_err().to_string();
         assert!(message.contains("is no frame of the recording, and neither"), "{data}: {message}");

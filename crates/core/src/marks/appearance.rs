@@ -11,9 +11,11 @@ use rayon::prelude::*;
 use std::f32::consts::{LN_2, LOG2_E};
 
 /// Length of a feature vector.
-const DIM: usize = 9;
+const DIM: usize = 10;
 /// Index of the first number of the position.
 const POSITION: usize = 7;
+/// Index of the depth.
+const DEPTH: usize = 9;
 /// Feature vector of a node. The likeness of two vectors at a distance of d is e^(−d²/2).
 type FeatureVector = [f32; DIM];
 
@@ -27,6 +29,8 @@ const AROUND: f32 = 0.7;
 const ROUGHNESS: f32 = 0.13;
 /// Distance that counts as 1, in widths of the picture.
 const WIDTHS: f32 = 2.0 / 3.0;
+/// Difference of the logarithm of depth that counts as 1.
+const LOG_DEPTH: f32 = 0.3;
 
 /// Largest number of labelled examples of all classes together; each class keeps [`MIN_EXAMPLES`].
 const MAX_EXAMPLES: usize = 256;
@@ -56,6 +60,8 @@ pub(super) struct Appearance {
     pub(super) roughness: f32,
     /// Position in widths of the picture.
     pub(super) position: [f32; 2],
+    /// Logarithm of its depth, less a number that is the same for all nodes; 0 where depth tells nothing.
+    pub(super) log_depth: f32,
 }
 
 /// Unlabelled examples: their label is 0 for every class, with a variance of their own.
@@ -87,7 +93,8 @@ impl AppearanceFeatures {
             vector[..3].copy_from_slice(&own);
             vector[3..6].copy_from_slice(&around.map(|v| AROUND * v));
             vector[6] = node.roughness / ROUGHNESS;
-            vector[POSITION..].copy_from_slice(&node.position.map(|v| v / WIDTHS));
+            vector[POSITION..DEPTH].copy_from_slice(&node.position.map(|v| v / WIDTHS));
+            vector[DEPTH] = node.log_depth / LOG_DEPTH;
             vector
         };
         Self(nodes.map(vector).collect())
@@ -98,7 +105,8 @@ impl AppearanceFeatures {
         BRIGHTNESS * self.0[node][0]
     }
 
-    /// Returns the likeness of a node and a node of `others`, 0–1. Positions do not count.
+    /// Returns the likeness of a node and a node of `others`, 0–1. Positions and depths do not
+    /// count.
     pub(super) fn likeness(&self, node: usize, others: &Self, other: usize) -> f32 {
         likeness(&self.0[node][..POSITION], &others.0[other][..POSITION])
     }
@@ -231,6 +239,7 @@ mod tests {
             around: [light, 0.0, 0.0],
             roughness: 0.0,
             position: [0.5; 2],
+            log_depth: 0.0,
         };
         // Two kinds of nodes, one node between them, and one that is like neither.
         let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];

@@ -2,7 +2,7 @@
 
 use super::{
     Evidence, FrameScores, Graph, LookHere, Marks,
-    cells::{CellFeatures, spread_over},
+    cells::{CellFeatures, MarkedPicture, spread_over},
     flow_to_marked::FlowToMarked,
     frame_cache::FrameCache,
     frame_splats::FrameSplats,
@@ -20,6 +20,7 @@ use crate::{
     flow::{halved, luma},
     grid::Grid,
     scene::Scene,
+    sequence::DepthOrigin,
 };
 use image::RgbImage;
 use rayon::prelude::*;
@@ -413,8 +414,14 @@ impl Carried {
         let guides = self.guide_shares(scene, (frame, &luma), pictures)?;
         let propagated = self.propagate(scene, (frame, &picture, &luma), pictures)?;
         let segmented = if let Some(growing) = self.growing.get(&frame) {
-            let num_names = self.names.len();
-            spread_over(&picture, &scene.field_of_view, growing, &propagated, num_names, guides)
+            let is_measured = scene.provenance.depth.is_some_and(DepthOrigin::is_measured);
+            let depth = is_measured.then(|| FrameSplats::at_half(scene, frame).depth());
+            let marked = MarkedPicture {
+                picture: &picture,
+                field_of_view: &scene.field_of_view,
+                depth: depth.as_deref(),
+            };
+            spread_over(&marked, growing, &propagated, self.names.len(), guides)
         } else {
             let mut shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);

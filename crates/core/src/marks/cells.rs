@@ -21,6 +21,8 @@ const NUM_CELLS: f32 = 25_600.0;
 /// Difference of brightness at which a link weighs e^(−½), and of hue, as [`opponents`] gives them.
 const BRIGHTNESS: f32 = 0.041;
 const HUE: f32 = 0.033;
+/// Difference of the logarithm of depth at which a link weighs e^(−½).
+const LOG_DEPTH: f32 = 0.03;
 /// Half the side of the surroundings of a cell, in cells.
 const AROUND: usize = 2;
 /// Rounds in which a few marks are spread.
@@ -39,6 +41,14 @@ const MIN_BRIGHTNESS: f32 = 0.15;
 /// Power of the mean share that a share is multiplied by.
 const AREA_POWER: f32 = 0.2;
 
+/// A frame that marks are spread over.
+pub(super) struct MarkedPicture<'a> {
+    pub(super) picture: &'a RgbImage,
+    pub(super) field_of_view: &'a Mask,
+    /// Depth at half size, rounded down, in any unit; NaN where there is none. `None` if none was measured.
+    pub(super) depth: Option<&'a [f32]>,
+}
+
 /// The cells of a picture, with the features of their appearance.
 #[derive(Debug)]
 pub(super) struct CellFeatures {
@@ -55,7 +65,7 @@ impl CellFeatures {
     /// Divides a picture into cells, and computes their features.
     pub(super) fn of(picture: &RgbImage) -> Self {
         let grid = CellGrid::of_picture(picture.width() as usize, picture.height() as usize);
-        let appearance = grid.appearance(&grid.colours(picture));
+        let appearance = grid.appearance(&grid.colours(picture), None);
         Self { grid, appearance }
     }
 
@@ -78,24 +88,25 @@ impl CellFeatures {
 /// down. `propagated` are pixels of the picture that marks of other frames were propagated to, each with its
 /// name; `guides` are the shares of the guides at half size.
 pub(super) fn spread_over(
-    picture: &RgbImage,
-    field_of_view: &Mask,
+    frame: &MarkedPicture<'_>,
     evidence: &Evidence,
     propagated: &[(usize, usize)],
     num_names: usize,
     guides: Option<GuideShares>,
 ) -> Vec<Vec<f32>> {
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let (width, height) = (frame.picture.width() as usize, frame.picture.height() as usize);
     let grid = CellGrid::of_picture(width, height);
     let mut seeds = grid.seeds(evidence, num_names);
     grid.add_propagated(&mut seeds, propagated);
-    let colours = grid.colours(picture);
-    let links = grid.links(&colours, field_of_view);
+    let colours = grid.colours(frame.picture);
+    let log_depths = frame.depth.map(|depth| grid.log_depths(depth));
+    let links = grid.links(&colours, log_depths.as_deref(), frame.field_of_view);
     let guides = guides.map(|guides| grid.guide_shares(&guides));
     let shares = if grid.is_mostly_marked(evidence) {
         spread(&links, &seeds, Before::Nothing, PULL, guides.as_ref().map(Hints::from_guides).as_ref())
     } else {
-        spread_in_rounds(&grid.appearance(&colours), &links, &seeds, guides.as_ref())
+        let appearance = grid.appearance(&colours, log_depths.as_deref());
+        spread_in_rounds(&appearance, &links, &seeds, guides.as_ref())
     };
     shares.par_iter().map(|share| grid.at_half(share)).collect()
 }
@@ -130,7 +141,7 @@ impl Example {
         let cells = CellFeatures::of(picture);
         let CellFeatures { grid, appearance } = &cells;
         let seeds = grid.seeds(evidence, num_names);
-        let links = grid.links(&grid.colours(picture), field_of_view);
+        let links = grid.links(&grid.colours(picture), None, field_of_view);
         let shares = spread_in_rounds(appearance, &links, &seeds, None);
         let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
         let shows = |plane: &Vec<f32>| inside().filter(|i| plane[*i] > MIN_SHOWN_SHARE).collect();
@@ -309,8 +320,20 @@ impl CellGrid {
         (0..r.len()).map(|i| opponents([r[i], g[i], b[i]].map(f32::sqrt))).collect()
     }
 
-    /// Returns the features of the appearance of the cells.
-    fn appearance(&self, colours: &[[f32; 3]]) -> AppearanceFeatures {
+    /// Returns the mean logarithms of depth of the cells, less their mean over the picture; NaN where it is
+    /// not known.
+    fn log_depths(&self, depth: &[f32]) -> Vec<f32> {
+        let half = |i: usize| at_half(i, self.width, [self.width / 2, self.height / 2]);
+        let mut logarithms = self.means(|i| depth[half(i)].ln());
+        let known = logarithms.iter().filter(|v| v.is_finite());
+        let (sum, count) = known.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
+        let mean = sum / count.max(1) as f32;
+        logarithms.iter_mut().for_each(|v| *v = if v.is_finite() { *v - mean } else { f32::NAN });
+        logarithms
+    }
+
+    /// Returns the features of the appearance of the cells. Depths count if they are given.
+    fn appearance(&self, colours: &[[f32; 3]], log_depths: Option<&[f32]>) -> AppearanceFeatures {
         let around = |value: &dyn Fn(&[f32; 3]) -> f32| {
             let values: Vec<f32> = colours.iter().map(value).collect();
             window_means(&values, [self.columns, self.rows], AROUND)
@@ -323,12 +346,14 @@ impl CellGrid {
             roughness: (means_2[i] - means[0][i] * means[0][i]).max(0.0).sqrt(),
             position: [i % self.columns, i / self.columns]
                 .map(|at| (at * self.side) as f32 / self.width as f32),
+            log_depth: log_depths.map(|depths| depths[i]).filter(|depth| depth.is_finite()).unwrap_or(0.0),
         };
         AppearanceFeatures::new((0..colours.len()).map(of_cell))
     }
 
-    /// Links each cell in the field of view with those of the eight around it that lie there, too.
-    fn links(&self, colours: &[[f32; 3]], field_of_view: &Mask) -> Links {
+    /// Links each cell in the field of view with those of the eight around it that lie there, too, by their
+    /// colours and, where they are known, their depths.
+    fn links(&self, colours: &[[f32; 3]], log_depths: Option<&[f32]>, field_of_view: &Mask) -> Links {
         let inside = self.inside(field_of_view);
         let link = |cell: usize, (dx, dy): (isize, usize)| {
             let x = (cell % self.columns).checked_add_signed(dx).filter(|x| *x < self.columns)?;
@@ -336,7 +361,12 @@ impl CellGrid {
             let other = y * self.columns + x;
             let [light, red, yellow]: [f32; 3] =
                 std::array::from_fn(|c| colours[cell][c] - colours[other][c]);
-            let difference_2 = (light / BRIGHTNESS).powi(2) + (red / HUE).powi(2) + (yellow / HUE).powi(2);
+            let farther = log_depths.map_or(0.0, |depths| depths[cell] - depths[other]);
+            let farther = if farther.is_nan() { 0.0 } else { farther };
+            let difference_2 = (light / BRIGHTNESS).powi(2)
+                + (red / HUE).powi(2)
+                + (yellow / HUE).powi(2)
+                + (farther / LOG_DEPTH).powi(2);
             let length = ((dx * dx) as f32 + (dy * dy) as f32).sqrt();
             let weight = (-0.5 * difference_2).exp() / length;
             (inside[cell] > 0.5 && inside[other] > 0.5).then_some((cell as u32, other as u32, weight))
@@ -403,7 +433,9 @@ mod tests {
         };
         let marks = Marks::unchecked(vec![stroke("fat", 120.0), stroke("liver", 15.0)]);
         let evidence = Evidence::of(&marks, 0, &marks.names(), SIZE);
-        let shares = spread_over(&picture, &Mask::filled(SIZE[0], SIZE[1], true), &evidence, &[], 2, None);
+        let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
+        let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: None };
+        let shares = spread_over(&frame, &evidence, &[], 2, None);
         [1, 0].map(|name| shares[name][22 * 120 + 22])
     }
 
@@ -413,5 +445,42 @@ mod tests {
         assert!(fat > 0.5 && liver < 0.3, "{liver} {fat}");
         let [liver, fat] = shares_of_dark_fat(Some([90, 95, 140]));
         assert!(fat < 0.4 && liver < 0.4, "half of the picture has no name: {liver} {fat}");
+    }
+
+    /// Shares of tool and tissue, of which a stroke each is marked, in tissue between the strokes that is as
+    /// grey as the tool beside it. The tissue is 8 deep.
+    fn shares_beside_a_tool(depth_of_tool: Option<f32>) -> [f32; 2] {
+        const SIZE: [usize; 2] = [240, 160];
+        let picture = RgbImage::from_fn(240, 160, |x, y| {
+            let grain = ((x * 7 + y * 13) % 5) as u8;
+            let colour = if x < 120 { [120, 118, 116] } else { [130, 70, 60] };
+            image::Rgb(colour.map(|level| level + grain))
+        });
+        let stroke = |name: &str, x: f32| {
+            let shape = Shape::Stroke { points_px: vec![[x, 10.0], [x, 150.0]], radius_px: 3.0 };
+            Mark::new(0, name, true, shape)
+        };
+        let marks = Marks::unchecked(vec![stroke("tool", 20.0), stroke("tissue", 200.0)]);
+        let evidence = Evidence::of(&marks, 0, &marks.names(), SIZE);
+        let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
+        let depth = depth_of_tool.map(|depth| -> Vec<f32> {
+            (0..120 * 80).map(|i| if i % 120 < 30 { depth } else { 8.0 }).collect()
+        });
+        let frame =
+            MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: depth.as_deref() };
+        let shares = spread_over(&frame, &evidence, &[], 2, None);
+        // Names are sorted.
+        [1, 0].map(|name| shares[name][40 * 120 + 45])
+    }
+
+    #[test]
+    fn what_lies_far_behind_a_tool_is_no_tool() {
+        for depth in [None, Some(8.0)] {
+            let [tool, tissue] = shares_beside_a_tool(depth);
+            assert!(tool > 0.5 && tissue < 0.3, "it looks like the tool: {tool} {tissue}");
+        }
+        let [tool, tissue] = shares_beside_a_tool(Some(4.0));
+        assert!(tool < 0.3 && tissue > 0.5, "{tool} {tissue}");
+        assert!(shares_beside_a_tool(Some(f32::NAN)).iter().all(|share| share.is_finite()));
     }
 }

@@ -4,7 +4,7 @@ use crate::{
     camera::Camera,
     deform::deform,
     raster::{
-        ALPHA_PLANE, FEATURE_PLANE, Images, Packed,
+        ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE, Images, Packed,
         bin::{Bins, bin},
         forward::raster,
         project::{Splat, project_all},
@@ -34,6 +34,13 @@ impl FrameSplats {
         let splats = project_all(&scene.gaussians, &deformed, &camera);
         let bins = bin(&splats, camera.width as usize, camera.height as usize);
         Self { camera, splats, bins }
+    }
+
+    /// Returns the depth of every pixel; NaN where there are no Gaussians.
+    pub(super) fn depth(&self) -> Vec<f32> {
+        let images = self.blend(&[], 0).images;
+        let depth = images.plane(DEPTH_PLANE).iter().zip(images.plane(ALPHA_PLANE));
+        depth.map(|(d, a)| if *a > MIN_ALPHA { d / a } else { f32::NAN }).collect()
     }
 
     /// Blends values of Gaussians, [N][dim] with at most 16 of them, and divides by alpha: [dim][pixels].

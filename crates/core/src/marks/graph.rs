@@ -79,14 +79,15 @@ fn points(scene: &Scene) -> Vec<[f32; DIM]> {
     points
 }
 
-/// Returns the appearance of the Gaussians; positions are those of the middle frame. A Gaussian has no
-/// roughness.
+/// Returns the appearance of the Gaussians; positions are those of the middle frame. Roughness and depth
+/// do not count.
 fn appearance(scene: &Scene, points: &[[f32; DIM]]) -> AppearanceFeatures {
     let width = scene.cameras.first().map_or(1.0, |camera| camera.width as f32);
     let scale = PLACE_PX * 3.0_f32.sqrt() / width;
     let of_point = |p: &[f32; DIM]| {
         let colour = opponents([6, 7, 8].map(|c| p[c] * COLOUR));
-        Appearance { colour, around: colour, roughness: 0.0, position: [2, 3].map(|c| p[c] * scale) }
+        let position = [2, 3].map(|c| p[c] * scale);
+        Appearance { colour, around: colour, roughness: 0.0, position, log_depth: 0.0 }
     };
     AppearanceFeatures::new(points.iter().map(of_point))
 }

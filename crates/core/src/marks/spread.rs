@@ -86,6 +86,7 @@ mod tests {
             around: [light, 0.0, 0.0],
             roughness: 0.0,
             position: [0.5; 2],
+            log_depth: 0.0,
         };
         let appearance = AppearanceFeatures::new(
             counts.into_iter().flat_map(|(light, n)| (0..n).map(move |_| of_light(light))),

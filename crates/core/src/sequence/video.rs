@@ -64,6 +64,10 @@ pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selectio
     whole.select(selection)
 }
 
+/// Caution about an mp4 whose index is left to ffmpeg.
+const INDEX_UNREAD: &str =
+    "Its index cannot be read here: if an edit list hides frames, they are part of the recording";
+
 fn open_part(path: &Path, selection: &Selection, decoders: Decoders) -> Result<Recording> {
     let kind = expect_video(path)?;
     let file = Pieces::whole(path).map_err(|e| Error::io("open the file", path, e))?;
@@ -82,7 +86,11 @@ fn open_part(path: &Path, selection: &Selection, decoders: Decoders) -> Result<R
             let form = None;
             let video = Unread { program, path, input, form, kind, promised, follows_edits, why_not_here };
             let mut recording = ffmpeg::open(video, selection, decoders.ffmpeg)?;
-            recording.cautions.extend(cut.and_then(|cut| cut.note(selection)));
+            let caution = match cut {
+                Some(cut) => cut.note(selection),
+                None => (kind == Container::Mp4).then(|| INDEX_UNREAD.to_owned()),
+            };
+            recording.cautions.extend(caution);
             Ok(recording)
         }
     }

@@ -26,17 +26,16 @@ pub(super) struct Given<'a> {
 }
 
 /// Goes to the frame where one more mark would help most, with the tool in hand, which shows the place. Keys
-/// stay commands, unless a name is missing or waits for the keyboard already.
+/// stay commands, unless a name is missing.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
     let counts = |frame: usize| !shared.document.is_excluded(frame);
     if let Some(frame) = shared.areas().and_then(|areas| areas.look_here(counts)).map(|here| here.frame) {
         shared.playback.pause();
         shared.playback.go_to(frame, given.now);
         if !shared.viewport.marking.is_on {
-            let is_waiting = shared.viewport.marking.wants_name;
             shared.take_marking();
             let marking = &mut shared.viewport.marking;
-            marking.wants_name = is_waiting || marking.name.is_empty();
+            marking.wants_name = marking.plain_name().is_empty();
         }
     }
 }

@@ -411,15 +411,14 @@ fn a_name_typed_fast_where_one_looks_is_no_row_of_commands() {
 }
 
 #[test]
-fn looking_somewhere_takes_the_keyboard_from_no_name_that_waits_for_it() {
-    for is_waiting in [false, true] {
+fn a_name_without_words_is_typed_where_one_looks() {
+    for (name, is_missing) in [("tool", false), ("", true), (" - ", true)] {
         let mut window = doubtful();
-        let marking = &mut window.harness.state_mut().shared.viewport.marking;
-        (marking.name, marking.wants_name) = ("tool".into(), is_waiting);
+        window.harness.state_mut().shared.viewport.marking.name = name.into();
         window.press_with(Modifiers::SHIFT, Key::S);
         window.harness.step();
         assert_eq!(window.frame(), 17);
-        assert_eq!(window.harness.get_by_label("Name of what is marked").is_focused(), is_waiting);
+        assert_eq!(window.harness.get_by_label("Name of what is marked").is_focused(), is_missing, "{name}");
     }
 }
 

@@ -94,9 +94,10 @@ impl Shared {
         let selected = self.document.selected.and_then(|id| self.document.prompt(id));
         let name = selected.filter(|p| p.like.is_none()).map(|p| p.text.clone());
         let marking = &mut self.viewport.marking;
-        let is_new = marking.name.is_empty() || self.document.selected != marking.put_away_at;
+        let is_missing = marking.plain_name().is_empty();
+        let is_new = is_missing || self.document.selected != marking.put_away_at;
         let offered = name.filter(|name| is_new && *name != marking.name);
-        let wants_name = offered.is_some() || marking.name.is_empty();
+        let wants_name = offered.is_some() || is_missing;
         (marking.is_on, marking.draft, marking.wants_name) = (true, None, wants_name);
         if let Some(name) = offered {
             marking.name = name;

@@ -95,7 +95,7 @@ impl Task {
     }
 
     /// Returns what tells its frame: the address of its image, or else its number. Other words count if there
-    /// is neither. Of several addresses, one of a frame counts, or else one that may be.
+    /// is neither. Of several addresses, one of a frame counts, or else that of the image.
     fn clue<'a>(&'a self, frames: &FrameNames<'_>) -> Clue<'a> {
         let number = self.data.get("frame").and_then(Value::as_u64).map(|number| number as usize);
         let of = |text: &'a str| Clue::of_file(text, &names_in(text), number, frames);
@@ -104,21 +104,20 @@ impl Task {
         let addresses = image.into_iter().chain(texts().filter(|text| is_address(text)));
         let clues: Vec<Clue<'a>> = addresses.map(of).collect();
         let first = |is_it: fn(&Clue<'a>) -> bool| clues.iter().copied().find(is_it);
-        let told = first(Clue::names_a_frame).or_else(|| first(|clue| !clue.is_another()));
-        let told = told.or(clues.first().copied());
+        let told = first(Clue::names_a_frame).or_else(|| image.map(of));
+        let told = told.or_else(|| first(|clue| !clue.is_another())).or(clues.first().copied());
         let numbered = || number.map(|_| Clue::NONE.numbered(number));
         let worded = || texts().map(of).find(Clue::names_a_frame);
         told.or_else(numbered).or_else(worded).unwrap_or(Clue::NONE)
     }
 }
 
-/// Returns `true` for a text that is the address of a picture. One on a host may also be that of a page or a
-/// video: then its name has another ending.
+/// Returns `true` for a text that is the address of a picture. That of a page or a video has another ending.
 fn is_address(text: &str) -> bool {
     let [path, end] = ends_of(text);
     let has_no_ending = !end.is_empty() && !path.contains('.') && !end.contains('.');
-    let is_on_host = text.contains("://") && (is_picture(path) || has_no_ending);
-    text.starts_with('/') || is_picture(text) || is_on_host
+    let has_folders = text.starts_with('/') || text.contains("://");
+    is_picture(text) || has_folders && (is_picture(path) || has_no_ending)
 }
 
 /// Returns the names that an address may stand for, the image's own last. Uploaded files get eight digits and

@@ -158,7 +158,8 @@ fn index(object: &Object, file: &Pieces, kind: Container, decoder: &Decoder) -> 
 
 /// Opens a video that is not decoded here.
 fn by_ffmpeg(object: &Object, video: Unread, selection: &Selection) -> Result<Recording> {
-    let note = video.promised.map_or(Ok(None), |there| compare(object, there, selection))?;
+    let there = video.promised.unwrap_or(object.num_frames);
+    let note = compare(object, there, video.follows_edits, selection)?;
     let mut recording = ffmpeg::open(video, selection, ffmpeg::Shared::default())?;
     if (recording.width, recording.height) != object.size {
         let (width, height) = object.size;
@@ -170,18 +171,25 @@ fn by_ffmpeg(object: &Object, video: Unread, selection: &Selection) -> Result<Re
 }
 
 /// Compares the number of frames that the file tells with the number `there` that its video has. Returns a
-/// note if it has more.
+/// note if they differ. The times in an edit list are rounded, so that it may hide a frame more than was
+/// meant.
 ///
 /// # Errors
-/// A video that has fewer, unless none of the requested ones is missing.
-fn compare(object: &Object, there: usize, selection: &Selection) -> Result<Option<String>> {
+/// A video without an edit list that has fewer, unless none of the requested ones is missing.
+fn compare(
+    object: &Object,
+    there: usize,
+    follows_edits: bool,
+    selection: &Selection,
+) -> Result<Option<String>> {
     let told = object.num_frames;
-    if there < told && selection.last.is_none_or(|last| last >= there) {
+    let is_missing = there < told && selection.last.is_none_or(|last| last >= there);
+    if is_missing && !follows_edits {
         let what = format!("it lists {told} frames and holds {there} of them");
         return Err(h264::cut_off(&object.path, &what, there));
     }
     let note = || format!("The file lists {told} frames; its video has {there}, and all are used");
-    Ok((there > told).then(note))
+    Ok((there > told || is_missing).then(note))
 }
 
 /// Opens an H.264 stream; the outer error says why that is not possible here.
@@ -191,9 +199,9 @@ fn h264(
     mp4: Mp4,
     selection: &Selection,
 ) -> Result<Result<Recording>, String> {
-    let there = mp4.frames_there();
+    let (there, follows_edits) = (mp4.frames_there(), !mp4.cut.is_whole());
     let is_whole = video::expect_whole(&object.path, &mp4, selection);
-    let note = match is_whole.and_then(|()| compare(object, there, selection)) {
+    let note = match is_whole.and_then(|()| compare(object, there, follows_edits, selection)) {
         Ok(note) => note,
         Err(e) => return Ok(Err(e)),
     };

@@ -209,10 +209,13 @@ fn pictures_that_a_dicom_file_counts_are_not_hidden() {
     let whole = opened(FRAMES).unwrap();
     assert_eq!((whole.num_frames(), whole.cautions().len()), (FRAMES, 0));
     assert_eq!(whole.frame(7).unwrap(), shown.frame(0).unwrap());
-    let said = message(opened(14));
-    assert!(said.contains("it lists 14 frames and holds 13"), "{said}");
-    let said = warnings(&opened(12).unwrap());
-    assert!(said.contains("The file lists 12 frames; its video has 13"), "{said}");
+    // Times of a list are rounded, so that both may count another frame.
+    for frames in [12, 14] {
+        let other = opened(frames).unwrap();
+        assert_eq!(other.num_frames(), 13);
+        let said = warnings(&other);
+        assert!(said.contains(&format!("The file lists {frames} frames; its video has 13")), "{said}");
+    }
 }
 
 #[test]
