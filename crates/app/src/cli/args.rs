@@ -179,9 +179,12 @@ pub(super) struct MarkArgs {
 }
 
 impl MarkArgs {
-    /// Carries the marks to the scene, if there are any.
+    /// Carries the marks to the scene, if there are any, and names those that show nothing.
     pub(super) fn give_to(&self, engine: &mut Engine) -> Result<()> {
-        self.marks.as_deref().map_or(Ok(()), |path| engine.read_marks(path))
+        let Some(path) = self.marks.as_deref() else { return Ok(()) };
+        engine.read_marks(path)?;
+        engine.mark_notes().iter().for_each(|note| say(&format!("note: {note}")));
+        Ok(())
     }
 }
 

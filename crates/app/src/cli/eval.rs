@@ -134,7 +134,8 @@ impl EvalArgs {
         let mut masks = PredictedMasks::open(folder, sequence)?;
         let output = self.claim(&inputs)?;
         let evaluation = evaluate_masks(&mut masks, sequence, observer)?;
-        Ok(Evaluated { evaluation, output, notes: masks.notes() })
+        let missing = without_masks(&evaluation.report.classes_without_masks);
+        Ok(Evaluated { evaluation, output, notes: masks.notes().into_iter().chain(missing).collect() })
     }
 
     /// Takes the folder that the files are written into, if they are wanted.
@@ -144,7 +145,27 @@ impl EvalArgs {
     }
 }
 
+/// Names the classes without any mask; `None` if there is none.
+fn without_masks(classes: &[String]) -> Option<String> {
+    let counts = if classes.len() == 1 { "it counts" } else { "they count" };
+    let names = classes.join(", ");
+    (!classes.is_empty()).then(|| format!("no masks of {names}: {counts} as not found"))
+}
+
 fn usage(what: &str) -> Result<Exit> {
     say(&format!("error: {what} (see `surgtpgs eval --help`)"));
     Ok(Exit::Usage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classes_without_masks_are_named() {
+        let note = |names: &[&str]| without_masks(&names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>());
+        assert_eq!(note(&[]), None);
+        assert_eq!(note(&["fat"]).unwrap(), "no masks of fat: it counts as not found");
+        assert_eq!(note(&["liver", "fat"]).unwrap(), "no masks of liver, fat: they count as not found");
+    }
 }

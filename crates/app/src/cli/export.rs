@@ -85,8 +85,8 @@ pub(super) struct ExportArgs {
     /// Changes made to masks
     #[command(flatten)]
     clean_up: CleanUpArgs,
-    /// Write, for words that mean nothing in the recording, the class that is most like them, under its own
-    /// name and dashed; otherwise nothing is written for them
+    /// For words that mean no class of the recording and look like one ("looks like" in `query`), write that
+    /// class, under its own name and dashed. For words that look like none, nothing is written
     #[arg(long)]
     nearest: bool,
     /// Leave the research-use stamp out of overlays, outlines and videos; the record says so

@@ -135,6 +135,7 @@ impl Run for PrepareArgs {
         let langsplat = langsplat
             .map(|folder| outputs::folder(folder, outputs::LANGSPLAT, &inputs, self.force))
             .transpose()?;
+        let mark_notes = options.mark_notes(&sequence)?;
         let prepared =
             jobs::prepare_folder(sequence, &self.output, &options, self.force, &mut |p| view.show(p))?;
         if let Some(output) = langsplat {
@@ -142,6 +143,8 @@ impl Run for PrepareArgs {
             output.finish()?;
         }
         drop(view);
+        let notes = mark_notes.into_iter().chain(prepared.cautions());
+        notes.for_each(|note| say(&format!("note: {note}")));
         tell_result(&prepared, &self.output);
         Ok(Exit::Done)
     }

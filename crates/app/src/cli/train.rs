@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     files::OutputFile,
+    prepare::Prepared,
     scene::Scene,
     train::{FeatureMode, Plan, Profile, Quality, StepReport, TrainSettings, Trainer},
 };
@@ -202,7 +203,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     }
     require_for(&Work::Training(material.sequence(), &args.settings()))?;
     let length_warning = args.settings().length_warning(material.sequence().num_frames());
-    let warnings = [material.sequence().cautions(), length_warning.as_slice()].concat();
+    let of_classes = material.prepared().map(Prepared::cautions).unwrap_or_default();
+    let warnings =
+        [material.sequence().cautions(), of_classes.as_slice(), length_warning.as_slice()].concat();
     warnings.iter().for_each(|warning| say(&format!("note: {warning}")));
     let place = Place { scene: output.path(), checkpoint: &checkpoint };
     let mut report = match begin(args, &material, &place)? {

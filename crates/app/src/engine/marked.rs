@@ -78,6 +78,12 @@ impl Engine {
         self.chapter_marks.as_ref().map(|chapter_marks| &**chapter_marks.by_hand())
     }
 
+    /// Names those of the marks that show nothing, see [`Marks::notes`].
+    pub fn mark_notes(&self) -> Vec<String> {
+        let notes = |marks: &Marks| marks.notes(&self.canvas(), &self.scene.field_of_view, |_| true);
+        self.marks().map(notes).unwrap_or_default()
+    }
+
     /// Carries the marks to the chapter that is shown at `time`, unless that is done. It can take seconds, and
     /// leaves off with [`surgtpgs_core::Error::Cancelled`] for a request elsewhere.
     pub(crate) fn carry_marks(&mut self, time: f32) -> Result<()> {

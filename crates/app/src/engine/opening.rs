@@ -69,7 +69,8 @@ pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
         Sequence::open_with(path, None, then.map_or(&[], |then| then.hidden()))?
     };
     if let Some(difference) = then.and_then(|then| sequence.outline().difference(then)) {
-        return Err(Error::input_at(path, format!("this is not the scene's recording: {difference}"), GIVE));
+        let what = format!("this is not the scene's recording: {difference}");
+        return Err(Error::input_at(path, what, difference.hint(GIVE, sequence.path())));
     }
     let found = (sequence.num_frames(), sequence.width(), sequence.height());
     let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));

@@ -25,6 +25,24 @@ fn nothing_is_written_into_the_text_encoder_that_is_given() {
     assert!(refused(EncoderChoice::Builtin).is_none());
 }
 
+#[test]
+fn marks_outside_of_the_field_of_view_are_named() {
+    use surgtpgs_core::marks::{Mark, Marks, Shape};
+    let mut scene = surgtpgs_core::stress::ordinary(3);
+    scene.field_of_view = Grid::from_vec(2, 1, vec![false, true]);
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
+    assert!(engine.mark_notes().is_empty());
+    let canvas = engine.canvas();
+    let places = [("duct", 6.0), ("fat", canvas.width as f32 - 6.0)];
+    let marks =
+        places.map(|(name, x)| Mark::new(0, name, true, Shape::Click { point_px: [x, 6.0], radius_px: 2.0 }));
+    engine.set_marks(Marks::new(marks.to_vec(), &canvas).unwrap()).unwrap();
+    let notes = engine.mark_notes();
+    assert_eq!(notes.len(), 1);
+    assert!(notes[0].starts_with("marks[0] (\"duct\" on frame 0) lies outside"), "{notes:?}");
+}
+
 /// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
 fn asked_engine(backend: BackendChoice) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};

@@ -53,7 +53,7 @@ impl Classes {
     }
 
     /// Returns the places and classes without the background.
-    fn asked(&self) -> impl Iterator<Item = (usize, &Class)> {
+    pub(super) fn asked(&self) -> impl Iterator<Item = (usize, &Class)> {
         self.all.iter().enumerate().filter(|(_, c)| !is_background(&c.name))
     }
 

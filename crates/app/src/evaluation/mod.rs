@@ -218,7 +218,12 @@ pub(crate) fn evaluate_masks(
         observe(observer, done + 1, frames.len())?;
     }
     let held_out = frames.iter().all(|&i| Sequence::is_test_frame(i));
-    let report = EvalReport { frames: frames.len(), ..EvalReport::of(&[], held_out, &classes) };
+    let without = classes.asked().map(|(_, class)| class).filter(|class| !masks.has_masks_of(class));
+    let report = EvalReport {
+        frames: frames.len(),
+        classes_without_masks: without.map(|class| class.name.clone()).collect(),
+        ..EvalReport::of(&[], held_out, &classes)
+    };
     Ok(Evaluation { report, frames: Vec::new(), classes })
 }
 

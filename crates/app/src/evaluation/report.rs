@@ -52,6 +52,8 @@ pub(crate) struct EvalReport {
     /// Runs of frames that no chapter of the scene shows, each by its first and last frame; they are not
     /// measured.
     pub(crate) frames_not_shown: Vec<[usize; 2]>,
+    /// Classes of which foreign masks have none; they count as not found.
+    pub(crate) classes_without_masks: Vec<String>,
     /// `true` if the frames were kept from training; for foreign masks, `true` if they are the test frames.
     pub(crate) held_out: bool,
     /// Gaussians of all chapters.
@@ -157,6 +159,7 @@ impl EvalReport {
             depth,
             frames: rows.len(),
             frames_not_shown: Vec::new(),
+            classes_without_masks: Vec::new(),
             held_out,
             gaussians: None,
             iou: has_classes

@@ -153,7 +153,7 @@ impl Chosen {
             let is_nearest = asked.question.shows_nearest || request.options.nearest;
             match &answer.nearest {
                 nearest if !answer.is_exported(asked.threshold, is_nearest) => {
-                    let (nearest, why) = (nearest.clone(), answer.why.clone());
+                    let (nearest, why) = (nearest.clone(), answer.absence_in_short().to_owned());
                     chosen.left_out.push(LeftOut { text: words, nearest, why });
                 }
                 Some(class) if !answer.may_be_found(asked.threshold) => {
@@ -369,6 +369,11 @@ mod tests {
             let summary = export(&mut engine, &request, &mut unobserved).unwrap();
             assert_eq!(summary.files, num_files(&[Format::Binary], 2, expected), "{words:?}");
             assert_eq!(summary.left_out.len(), words.len() - expected, "{words:?}");
+            for left_out in &summary.left_out {
+                let is_known = left_out.text == "spleen";
+                let why = if is_known { "not in this recording" } else { "words not known here" };
+                assert_eq!(left_out.why, why, "{left_out}");
+            }
         }
     }
 

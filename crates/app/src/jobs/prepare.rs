@@ -104,6 +104,13 @@ pub fn prepare_folder(
 }
 
 impl PrepareOptions {
+    /// Names the marks that show nothing, if features come from marks, see [`Marks::notes`].
+    pub fn mark_notes(&self, sequence: &Sequence) -> Result<Vec<String>> {
+        let FeatureSource::Marks(path) = &self.source else { return Ok(Vec::new()) };
+        let is_used = |frame: usize| !(self.eval && Sequence::is_test_frame(frame));
+        Ok(read_marks(path, sequence)?.notes(&sequence.canvas(), sequence.field_of_view(), is_used))
+    }
+
     /// Returns the files and folders that are read besides the recording.
     pub(crate) fn inputs(&self) -> Inputs {
         let folder =
@@ -229,7 +236,7 @@ impl<'a> Features<'a> {
                 Self::Labels { embeddings: embedded(text, sequence.classes().iter().map(|c| &*c.name))? }
             }
             FeatureSource::Marks(path) => {
-                let marks = Marks::read_for(path, &sequence.canvas(), || Some(sequence.clone()))?;
+                let marks = read_marks(path, sequence)?;
                 require_marks(sequence, &marks, options.eval, observer)?;
                 let embeddings = embedded(text, marks.names().iter().map(String::as_str))?;
                 Self::Marks { marks, embeddings }
@@ -250,6 +257,10 @@ impl<'a> Features<'a> {
             }
         })
     }
+}
+
+fn read_marks(path: &Path, sequence: &Sequence) -> Result<Marks> {
+    Marks::read_for(path, &sequence.canvas(), || Some(sequence.clone()))
 }
 
 fn embedded<'a>(text: &mut TextEncoder, names: impl Iterator<Item = &'a str>) -> Result<Vec<Vec<f32>>> {

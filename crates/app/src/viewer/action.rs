@@ -6,8 +6,13 @@ use crate::viewer::{
     command::{Command, keys},
     shared::Shared,
     state::{
-        autosave::LeftId, content::Look, document::Document, marking::Marking, preferences::Preferences,
-        time_scale::Span, zoom::Panes,
+        autosave::LeftId,
+        content::{Look, PromptId},
+        document::Document,
+        marking::Marking,
+        preferences::Preferences,
+        time_scale::Span,
+        zoom::Panes,
     },
 };
 use crate::{engine::Negatives, jobs::ExportRequest};
@@ -20,6 +25,8 @@ pub(crate) enum Action {
     Run(Command),
     /// Changes the document; see [`Action::edit`].
     Edit(Box<dyn FnOnce(&mut Document)>),
+    /// Gives a prompt other words.
+    Rename(PromptId, String),
     /// Adds a prompt and remembers its words.
     AddPrompt(String),
     /// Takes over what is typed into the prompt box.
@@ -117,12 +124,22 @@ impl Shared {
         }
     }
 
+    /// Gives a prompt other words, or says that another prompt has them.
+    fn rename(&mut self, id: PromptId, words: String, now: f64) {
+        let taken = self.document.namesake(id, &words);
+        match taken.map(|other| format!("There is a prompt \"{}\" already", other.text)) {
+            Some(why) => self.say(why, None, now),
+            None => self.edit(Box::new(move |d: &mut Document| d.rename(id, &words)), now),
+        }
+    }
+
     /// Carries out an action.
     pub(crate) fn act(&mut self, action: Action, ctx: &Context) {
         let now = ctx.input(|i| i.time);
         match action {
             Action::Run(command) => self.run(command.into(), ctx),
             Action::Edit(change) => self.edit(change, now),
+            Action::Rename(id, words) => self.rename(id, words, now),
             Action::AddPrompt(text) => self.add_prompt(&text),
             Action::Type { text, is_focused } => {
                 (self.prompt_box.text, self.prompt_box.is_focused) = (text, is_focused);

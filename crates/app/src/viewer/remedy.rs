@@ -1,6 +1,12 @@
 //! Errors in the terms of the window.
 
+use crate::viewer::text::sentence;
 use surgtpgs_core::{Error, Remedy};
+
+/// Returns the message of an error where it stands alone, beginning with a capital letter.
+pub(crate) fn statement(error: &Error) -> String {
+    sentence(&message(error))
+}
 
 /// Returns the message of an error, with what the window offers about it.
 pub(crate) fn message(error: &Error) -> String {

@@ -7,7 +7,7 @@ use crate::viewer::{
         open::Open,
         request::{Finding, Picture},
     },
-    remedy::message,
+    remedy::statement,
     state::{
         autosave::Autosave,
         content::Prompt,
@@ -237,7 +237,7 @@ impl Shared {
 
     /// Returns the value of a result, or shows its error as the problem.
     pub(crate) fn settle<T>(&mut self, result: Result<T>) -> Option<T> {
-        result.map_err(|e| self.problem = Some(message(&e))).ok()
+        result.map_err(|e| self.problem = Some(statement(&e))).ok()
     }
 
     /// Returns `true` if the view may be turned. Where a recorded frame is compared, both pictures must be

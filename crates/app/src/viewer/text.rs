@@ -32,6 +32,11 @@ pub(crate) fn thousands(n: usize) -> String {
     text
 }
 
+/// Formats a number of things that are called `one`, or `many` if there is another number of them.
+pub(crate) fn counted(n: usize, one: &str, many: &str) -> String {
+    format!("{} {}", thousands(n), if n == 1 { one } else { many })
+}
+
 /// Formats a share of the frame in percent; small shares keep their digits.
 pub(crate) fn percent(share: f32) -> String {
     match share * 100.0 {
@@ -54,6 +59,8 @@ mod tests {
         assert_eq!(duration(5400.0), "1.5 hours");
         assert_eq!(thousands(1_234_567), "1\u{a0}234\u{a0}567");
         assert_eq!(thousands(12), "12");
+        let files = [0, 1, 1200].map(|n| counted(n, "file", "files"));
+        assert_eq!(files, ["0 files", "1 file", "1\u{a0}200 files"]);
     }
 
     #[test]

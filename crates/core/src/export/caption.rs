@@ -22,14 +22,18 @@ pub fn frame_words(frame: usize, seconds: f64) -> String {
     format!("frame {}  {}", frame + 1, timecode(seconds))
 }
 
-/// Writes frame, time and the prompts that were found on an exported picture.
-pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
-    let words = |prompt: &ExportPrompt| match &prompt.stands_for {
+/// Names a prompt, with what was asked for if it stands for that.
+pub(super) fn prompt_words(prompt: &ExportPrompt) -> String {
+    match &prompt.stands_for {
         Some(asked) => format!("{} (asked: {asked})", prompt.text),
         None => prompt.text.clone(),
-    };
+    }
+}
+
+/// Writes frame, time and the prompts that were found on an exported picture.
+pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
     let found = frame.found().filter(|(_, mask)| mask.count() > 0);
-    let found: Vec<_> = found.map(|(prompt, _)| (words(prompt), prompt.colour)).collect();
+    let found: Vec<_> = found.map(|(prompt, _)| (prompt_words(prompt), prompt.colour)).collect();
     let title = frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
     let state = if frame.is_shown() { "" } else { "  not reconstructed" };
     caption(picture, &format!("{title}{state}"), &[], &found);
@@ -46,11 +50,27 @@ pub fn caption(picture: &mut RgbImage, title: &str, notes: &[String], found: &[(
     }
     for (k, (words, colour)) in found.iter().enumerate() {
         let top = (notes.len() as u32 + k as u32 + 1) * line;
-        fill(picture, (0, top), (line, line), |_| [0; 3]);
-        let gap = line / 5;
-        fill(picture, (gap, top + gap), (line - 2 * gap, line - 2 * gap), |_| *colour);
-        write(picture, words, (line, top), line);
+        write_entry(picture, words, *colour, (0, top), line);
     }
+}
+
+/// Writes a name with its colour, the upper left corner of their plate at `(left, top)`.
+pub(super) fn write_entry(
+    picture: &mut RgbImage,
+    words: &str,
+    colour: [u8; 3],
+    (left, top): (u32, u32),
+    line: u32,
+) {
+    fill(picture, (left, top), (line, line), |_| [0; 3]);
+    let gap = line / 5;
+    fill(picture, (left + gap, top + gap), (line - 2 * gap, line - 2 * gap), |_| colour);
+    write(picture, words, (left + line, top), line);
+}
+
+/// Returns the columns of a name with its colour in lines of `line` rows.
+pub(super) fn entry_px(words: &str, line: u32) -> u32 {
+    line + width_px(words, line)
 }
 
 /// Draws the scale of a heatmap into the lower right corner: the colours of scores from 0 to 1.

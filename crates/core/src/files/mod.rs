@@ -24,7 +24,7 @@ pub use encoded::{npy, png};
 pub use lock::Lock;
 pub use output::{Claim, Earlier, OutputFolder, claim_collection};
 pub use output_file::{FileClaim, OutputFile};
-pub use paths::{absolute_path, full_path};
+pub use paths::{absolute_path, full_path, located_path};
 pub use place::{Inputs, require_apart};
 pub use record::{is_aside, is_free_folder, unfinished_kind};
 pub(crate) use record::{is_taken, kind_of_result};

@@ -15,6 +15,14 @@ pub fn full_path(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| absolute_path(path))
 }
 
+/// Returns the absolute path with links of its folders resolved, but not that which it may be itself: what
+/// lies beside a link belongs to it.
+pub fn located_path(path: &Path) -> PathBuf {
+    let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else { return full_path(path) };
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    full_path(folder).join(name)
+}
+
 /// Tells if two files are the same one, by what the system says of them.
 #[cfg(unix)]
 pub(super) fn is_same_file(a: &Metadata, b: &Metadata) -> bool {

@@ -2,6 +2,8 @@
 
 use super::{Mark, Shape};
 use crate::{annotations::RunsEntry, grid::Mask};
+use serde::{Deserialize, Deserializer, de::Error as _};
+use serde_json::Value;
 use std::sync::Arc;
 
 /// Radius of clicks and strokes that give none, px.
@@ -11,6 +13,7 @@ const RADIUS_PX: f32 = 6.0;
 #[derive(serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct MarkEntry {
+    #[serde(default, deserialize_with = "frame")]
     pub(super) frame: Option<usize>,
     #[serde(default)]
     pub(super) name: String,
@@ -27,6 +30,20 @@ pub(super) struct MarkEntry {
 
 fn yes() -> bool {
     true
+}
+
+/// Reads the number of a frame, if there is one.
+fn frame<'de, D: Deserializer<'de>>(from: D) -> Result<Option<usize>, D::Error> {
+    let refused = || D::Error::custom("frame must be a whole number, 0 or more");
+    let value = Option::<Value>::deserialize(from)?;
+    value.map(|value| whole_number(&value).ok_or_else(refused)).transpose()
+}
+
+/// Returns a whole number, which some programs write as 2.0.
+pub(super) fn whole_number(value: &Value) -> Option<usize> {
+    let is_whole = |v: &f64| v.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(v);
+    let rounded = || value.as_f64().filter(is_whole).map(|v| v as usize);
+    value.as_u64().map(|v| v as usize).or_else(rounded)
 }
 
 /// Kind of a mark.
@@ -105,5 +122,25 @@ impl TryFrom<MarkEntry> for Mark {
 
     fn try_from(entry: MarkEntry) -> Result<Self, String> {
         entry.mark(|name| Err(format!("the picture {name} is not part of it")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_whole_numbers_however_they_are_written() {
+        let read = |frame: &str| {
+            let text =
+                format!(r#"{{"frame": {frame}, "name": "liver", "kind": "click", "points_px": [[1, 1]]}}"#);
+            serde_json::from_str::<MarkEntry>(&text).map(|entry| entry.frame).map_err(|e| e.to_string())
+        };
+        for (frame, expected) in [("2", Some(2)), ("2.0", Some(2)), ("2e1", Some(20)), ("null", None)] {
+            assert_eq!(read(frame), Ok(expected), "{frame}");
+        }
+        for wrong in ["2.5", "-1", "-1.0", "1e300", "\"2\"", "[2]"] {
+            assert!(read(wrong).unwrap_err().contains("frame must be a whole number"), "{wrong}");
+        }
     }
 }

@@ -29,6 +29,7 @@ mod hints;
 mod links;
 mod marked_frame;
 mod means;
+mod notes;
 mod outside;
 mod plan;
 mod read;
@@ -86,7 +87,8 @@ impl Mark {
 
     /// Returns the reason why the mark cannot be on `canvas`, if there is one.
     fn problem(&self, canvas: &Canvas) -> Option<String> {
-        if self.name.is_empty() {
+        // Signs alone are no word that anybody could look for.
+        if !self.name.contains(char::is_alphanumeric) {
             return Some("it has no name".into());
         }
         if self.frame >= canvas.num_frames {

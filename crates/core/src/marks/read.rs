@@ -1,6 +1,10 @@
 //! Files of marks: our own, and annotations of other programs.
 
-use super::{Canvas, Mark, Marks, bad_mark, entry::MarkEntry, name_of};
+use super::{
+    Canvas, Mark, Marks, bad_mark,
+    entry::{MarkEntry, whole_number},
+    name_of,
+};
 use crate::{
     Error, Result,
     annotations::{self, Annotation, References},
@@ -93,7 +97,7 @@ fn references(recording: &Sequence, canvas: &Canvas) -> Result<References> {
 
 fn mark(i: usize, entry: &Value, folder: &Path, canvas: &Canvas) -> Result<Mark> {
     let name = entry.get("name").and_then(Value::as_str).unwrap_or_default();
-    let frame = entry.get("frame").and_then(Value::as_u64).map(|frame| frame as usize);
+    let frame = entry.get("frame").and_then(whole_number);
     let which = name_of(i, name, frame);
     let entry: MarkEntry =
         serde_json::from_value(entry.clone()).map_err(|e| bad_mark(&which, &e.to_string()))?;

@@ -481,6 +481,9 @@ fn a_bad_mark_is_named() {
         (r#"{"frame": 9, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "there is no frame 9"),
         (r#"{"frame": 1, "name": " ", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
         (r#"{"frame": 1, "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
+        (r#"{"frame": 1, "name": "*?", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
+        (r#"{"frame": 1, "name": "🙂", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
+        (r#"{"frame": 1.5, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "a whole number"),
         (r#"{"name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "no frame"),
         (r#"{"frame": 1, "name": "liver", "points_px": [[1, 1]]}"#, "no kind"),
         (r#"{"frame": 1, "name": "liver", "kind": "lasso"}"#, "lasso"),
@@ -511,6 +514,16 @@ fn names_that_hold_what_json_lacks_are_left_alone() {
         r#"{"marks": [{"frame": 0, "name": "NaN \" Infinity", "kind": "click", "points_px": [[1, 1]]}]}"#,
     );
     assert_eq!(marks.unwrap().names(), ["na n \" infinity"]);
+}
+
+#[test]
+fn names_are_words_in_any_script() {
+    for name in ["胆のう", "печень", "กระเพาะ", "7", "+ liver"] {
+        assert!(
+            Mark::new(0, name, true, stroke(0, "fat", true, &[[8.0, 10.0]]).shape).fits(&canvas()),
+            "{name}"
+        );
+    }
 }
 
 #[test]

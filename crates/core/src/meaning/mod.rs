@@ -8,6 +8,7 @@
 //! A prompt without letters, vectors that are not finite or of a wrong length, and encoders that give all
 //! words one vector are no errors: they never find anything.
 
+mod alike;
 mod calibration;
 mod classes;
 mod facts;
@@ -19,6 +20,7 @@ mod text;
 mod vocabulary;
 mod word_files;
 
+pub(crate) use alike::names_alike;
 pub use calibration::{Calibration, Fit, Floors};
 pub use classes::ClassWords;
 pub use facts::WordFacts;

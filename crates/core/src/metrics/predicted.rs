@@ -41,6 +41,8 @@ pub struct PredictedMasks {
     notes: Vec<String>,
     /// Some values in the read pictures that name no class.
     foreign: BTreeSet<String>,
+    /// `true` for the id of each class that the read pictures are about.
+    given: [bool; 256],
 }
 
 #[derive(Clone, Debug)]
@@ -97,6 +99,7 @@ impl PredictedMasks {
             named: BTreeMap::new(),
             notes: Vec::new(),
             foreign: BTreeSet::new(),
+            given: [false; 256],
         };
         opened.read_names(&names)?;
         Ok(opened)
@@ -141,6 +144,11 @@ impl PredictedMasks {
         Ok(())
     }
 
+    /// Returns `true` if the pictures read so far have masks of a class, or name it.
+    pub fn has_masks_of(&self, class: &Class) -> bool {
+        self.given[usize::from(class.id)]
+    }
+
     /// Returns the frames that have masks.
     pub fn frames(&self) -> Vec<usize> {
         self.frames.keys().copied().collect()
@@ -152,6 +160,7 @@ impl PredictedMasks {
         for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
             match prediction {
                 Prediction::OfClass(id, path) => {
+                    self.given[usize::from(id)] = true;
                     let picture = match opacity(&reading::picture(&path)?) {
                         Some(opacity) => opacity,
                         None => lightness(&path)?,
@@ -193,6 +202,8 @@ impl PredictedMasks {
                 ),
             ));
         }
+        let named = names.into_iter().flatten().filter_map(|(_, class)| *class);
+        named.chain(ids.data.iter().copied()).for_each(|id| self.given[usize::from(id)] = true);
         if self.foreign.len() < MOST_FOREIGN {
             self.foreign.extend(examples);
         }
@@ -384,6 +395,28 @@ mod tests {
         let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
         assert_eq!(masks.masks(9, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 32 * 24);
         assert_eq!(masks.masks(3, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 0);
+    }
+
+    #[test]
+    fn classes_without_masks_are_known() {
+        let (_kept, sequence) = recording();
+        let class = |name: &str| sequence.classes().iter().find(|c| c.name == name).unwrap();
+        let has = |folder: &Path| {
+            let mut masks = PredictedMasks::open(folder, &sequence).unwrap();
+            masks.masks(9, sequence.classes(), (32, 24)).unwrap();
+            ["liver", "grasper"].map(|name| masks.has_masks_of(class(name)))
+        };
+        let folder = tempfile::tempdir().unwrap();
+        // An empty mask says that the class is not there.
+        save(folder.path(), "frame_000009_liver.png", 0);
+        assert_eq!(has(folder.path()), [true, false]);
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), "frame_000009.png", class("liver").id);
+        assert_eq!(has(folder.path()), [true, false]);
+        let list =
+            [class("liver"), class("grasper")].map(|c| format!(r#"{{"id":{},"name":"{}"}}"#, c.id, c.name));
+        std::fs::write(folder.path().join("labels.json"), format!("[{}]", list.join(","))).unwrap();
+        assert_eq!(has(folder.path()), [true, true]);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::{full_path, png, write_whole},
+    files::{full_path, located_path, png, write_whole},
     hash::{require_sha256, sha256},
     meaning::WordFacts,
     reading::{MOST_BYTES, read_regular, values},
@@ -107,7 +107,7 @@ impl Manifest {
 
     /// Stores the path of the recording, also relative to the prepared folder.
     pub(super) fn point_to(&mut self, folder: &Path, recording: &Path) {
-        self.recording = full_path(recording);
+        self.recording = located_path(recording);
         self.recording_relative = relative_path(&full_path(folder), &self.recording);
     }
 

@@ -97,8 +97,24 @@ pub fn require_marks(
         }
         Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
     }
-    let what = "no pixel of the training frames is marked";
-    Err(Error::input_at(sequence.path(), what, "Mark frames that are not held out."))
+    Err(nothing_marked(sequence, marks, &frames))
+}
+
+/// Creates the error about marks that show nothing on the training frames `frames`, with the reason.
+fn nothing_marked(sequence: &Sequence, marks: &Marks, frames: &[usize]) -> Error {
+    let counts = |frame: usize| frames.binary_search(&frame).is_ok();
+    let notes = marks.notes(&sequence.canvas(), sequence.field_of_view(), counts);
+    let shows_some = marks.all().iter().any(|mark| mark.add && counts(mark.frame));
+    let (why, hint): (String, &str) = match notes.is_empty() {
+        _ if frames.is_empty() => ("all marked frames are held out".into(), "Mark frames that are not."),
+        false => (notes.join("; "), "Mark what the endoscope shows."),
+        true if shows_some => {
+            ("the masks of the recording hide what is marked".into(), "Mark what these masks keep.")
+        }
+        true => ("all marks say what is not there".into(), "Mark what is there, too."),
+    };
+    let what = format!("no pixel of the training frames is marked: {why}");
+    Error::input_at(sequence.path(), what, hint)
 }
 
 /// Returns the frames with marks that training may see.

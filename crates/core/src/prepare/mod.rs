@@ -46,7 +46,7 @@ use crate::{
     Error, Result,
     codec::Codec,
     hash::sha256,
-    meaning::{Calibration, WordFacts},
+    meaning::{Calibration, WordFacts, names_alike},
     sequence::{Class, Identity, Sequence},
 };
 use files::{Manifest, WORDS, has_region, region_file};
@@ -176,6 +176,11 @@ impl Prepared {
         manifest.words.clone_from(&self.words);
         manifest.write_vectors(&self.folder)?;
         manifest.write(&self.folder)
+    }
+
+    /// Returns notes on classes that words will not find.
+    pub fn cautions(&self) -> Vec<String> {
+        names_alike(self.classes.iter().map(|(class, row)| (class.name.as_str(), row.as_slice())))
     }
 
     /// Returns the number of rows of the feature table.

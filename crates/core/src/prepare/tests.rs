@@ -5,6 +5,7 @@ use crate::{
     codec::{CodecKind, CodecSettings},
     marks::{Mark, Marks, Shape},
     progress::{Progress, unobserved},
+    sequence::HiddenRectangle,
     stress::made_up_encoder,
 };
 use image::{GrayImage, Luma, Rgb, RgbImage};
@@ -147,6 +148,42 @@ fn marked_pixels_have_the_rows_of_their_names() {
     for stage in ["reading marks", "writing features"] {
         assert_eq!(stages.iter().filter(|(name, _)| name == stage).count(), 2, "{stages:?}");
     }
+}
+
+#[test]
+fn marks_that_show_nothing_are_refused_with_the_reason() {
+    let place = tempfile::tempdir().unwrap();
+    let clip = place.path().join("clip");
+    write_clip(&clip);
+    let hidden = HiddenRectangle { x: 20, y: 0, width: 12, height: 24 };
+    let sequence = Sequence::open_with(&clip, None, &[hidden]).unwrap();
+    let mark = |frame: usize, x: f32, add: bool| {
+        Mark::new(frame, "liver", add, Shape::Box { corners_px: [[x, 4.0], [x + 4.0, 8.0]] })
+    };
+    let refused = |marks: &[Mark], eval: bool| {
+        let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
+        require_marks(&sequence, &marks, eval, &mut unobserved).err().map(|e| e.to_string())
+    };
+    let says = |marks: &[Mark], eval: bool, why: &str| {
+        let told = refused(marks, eval).unwrap();
+        assert!(told.contains(&format!("marked: {why}")), "{told}");
+    };
+    says(&[mark(1, 6.0, true), mark(9, 6.0, true)], true, "all marked frames are held out");
+    says(&[mark(1, 24.0, true)], false, "marks[0] (\"liver\" on frame 1) lies outside");
+    says(&[mark(0, 6.0, true), mark(0, 6.0, false)], false, "the marks of \"liver\" cancel each other");
+    says(&[mark(1, 6.0, true), mark(2, 24.0, true)], true, "marks[1] (\"liver\" on frame 2) lies outside");
+    says(&[mark(0, 6.0, false)], false, "all marks say what is not there");
+    assert_eq!(refused(&[mark(1, 6.0, true)], false), None);
+}
+
+#[test]
+fn names_that_the_encoder_cannot_tell_apart_are_told() {
+    let (_place, mut prepared) = prepared(false);
+    assert!(prepared.cautions().is_empty());
+    prepared.classes[1].1 = prepared.classes[0].1.clone();
+    let told = prepared.cautions();
+    assert_eq!(told.len(), 1);
+    assert!(told[0].starts_with("\"liver\" and \"grasper\" cannot be told apart"), "{told:?}");
 }
 
 #[test]

@@ -83,7 +83,8 @@ pub struct Provenance {
     pub made_by: String,
     /// The recording's folder or file name.
     pub sequence_name: String,
-    /// Path of the recording, to find the original frames again.
+    /// Path of the recording, to find the original frames again. A link is not followed: settings may lie
+    /// beside it.
     pub sequence_path: PathBuf,
     /// Identity of the recording; absent in older scenes, which know it by number and size of the frames.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]

@@ -4,7 +4,7 @@ use super::{
     Layout, NO_LABEL, Sequence,
     ffmpeg::damage,
     labels::{EXAMPLES, Way},
-    pace,
+    lens, pace,
     recording::MaskRule,
     settings::settings_name,
     shots::{self, Seen, Shot},
@@ -221,6 +221,10 @@ fn camera(sequence: &Sequence, says: &mut Findings) -> String {
             // All poses come from one file and share its mistake.
             break;
         }
+    }
+    if let Some(what) = (0..sequence.num_frames()).find_map(|i| lens::unlikely(&sequence.camera(i))) {
+        let file = settings_name(sequence.path());
+        says.warnings.push(format!("{what}: look at the recording's camera, or at [camera] in {file}"));
     }
     let motion = if sequence.camera_moves() { "moving" } else { "still" };
     let [across, down] = first.field_of_view_degrees();

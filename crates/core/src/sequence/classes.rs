@@ -61,16 +61,22 @@ pub(super) fn from_entries(entries: &[ClassEntry], path: &Path) -> Result<Vec<Cl
                 "Ids must differ and lie between 0 and 254; 255 means \"unknown\".",
             ));
         }
-        if name.is_empty() || classes.iter().any(|c| c.name == name) {
-            return Err(Error::input_at(
-                path,
-                format!("the class {} has the name \"{name}\"", entry.id),
-                "Names must not be empty and must differ.",
-            ));
+        if name.is_empty() {
+            let what = format!("the class {} has the name \"{}\"", entry.id, entry.name);
+            return Err(Error::input_at(path, what, "A name needs a word."));
+        }
+        if let Some(first) = classes.iter().position(|c| c.name == name) {
+            return Err(same_words(&entries[first].name, &entry.name, path));
         }
         classes.push(Class { id: entry.id, name, colour: entry.colour.unwrap_or(class_colour(i)) });
     }
     Ok(classes)
+}
+
+/// Creates the error about two classes of which nothing but signs, spaces or capitals tell the names apart.
+fn same_words(first: &str, second: &str, path: &Path) -> Error {
+    let what = format!("the classes \"{first}\" and \"{second}\" are the same in plain words");
+    Error::input_at(path, what, "Give them names that differ in words.")
 }
 
 /// Reads a `labels.json`: a list of [`ClassEntry`].
@@ -166,7 +172,7 @@ pub fn names_instrument(words: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{names_instrument, plain_words};
+    use super::*;
 
     #[test]
     fn class_names_become_plain_words() {
@@ -180,6 +186,16 @@ mod tests {
         ] {
             assert_eq!(plain_words(name), words);
         }
+    }
+
+    #[test]
+    fn names_that_signs_alone_tell_apart_are_refused() {
+        let path = Path::new("labels.json");
+        let entry = |(id, name): (u8, &str)| ClassEntry { id, name: name.into(), colour: None };
+        let listed = |names: [&str; 2]| from_entries(&[(1, names[0]), (2, names[1])].map(entry), path);
+        let text = listed(["tumour -", "tumour _"]).unwrap_err().to_string();
+        assert!(text.contains("\"tumour -\" and \"tumour _\" are the same in plain words"), "{text}");
+        assert!(listed(["tumour +", "tumour -"]).is_ok());
     }
 
     #[test]

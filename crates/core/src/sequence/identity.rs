@@ -10,6 +10,7 @@ use super::{
     hidden::HiddenRectangle,
     read,
     recording::{FrameFiles, Picture, Recording},
+    settings::settings_name,
 };
 use crate::{Error, Result, num::spread};
 use rayon::prelude::*;
@@ -51,11 +52,27 @@ struct FileIdentity {
 
 /// The difference between a recording and its earlier state; in words, without a full stop.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Difference(String);
+pub struct Difference {
+    words: String,
+    /// `true` if other settings of the same recording may be the reason.
+    is_of_settings: bool,
+}
+
+impl Difference {
+    /// Returns advice on the recording `path` that differs: `hint`, and to look at its settings if these may
+    /// be the reason.
+    pub fn hint(&self, hint: &str, path: &Path) -> String {
+        if !self.is_of_settings {
+            return hint.to_owned();
+        }
+        let settings = format!("`[frames]`, `[time]` or `[[hidden]]` in {}", settings_name(path));
+        format!("{hint} If its settings ({settings}) were lost or changed, put them back.")
+    }
+}
 
 impl Display for Difference {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
+        f.write_str(&self.words)
     }
 }
 
@@ -200,9 +217,11 @@ impl Identity {
         let (count, earlier) = (self.frames.len(), then.frames.len());
         if files && count == earlier && self.frames.iter().zip(&then.frames).all(is_same) {
             let is_hidden = self.hidden == then.hidden;
-            return (!is_hidden).then(|| Difference("other parts of its frames are hidden".to_owned()));
+            let words = "other parts of its frames are hidden".to_owned();
+            return (!is_hidden).then_some(Difference { words, is_of_settings: true });
         }
-        let what = if self.frames_in_common(then) == 0 {
+        let is_other = self.frames_in_common(then) == 0;
+        let words = if is_other {
             "it is another one, no frame is the same".to_owned()
         } else if count != earlier {
             let number = |n: usize| if n == 1 { "1 frame".to_owned() } else { format!("{n} frames") };
@@ -212,7 +231,7 @@ impl Identity {
         } else {
             "the video is another file".to_owned()
         };
-        Some(Difference(what))
+        Some(Difference { words, is_of_settings: !is_other && count != earlier })
     }
 
     /// Names the frame that is missing or new, if there are fewer or more.
@@ -248,11 +267,8 @@ impl Identity {
     pub fn require(&self, then: &Self, path: &Path, made: &str) -> Result<()> {
         let Some(difference) = self.difference(then) else { return Ok(()) };
         let what = format!("this is not the recording that {made}: {difference}");
-        Err(Error::input_at(
-            path,
-            what,
-            "Give the recording as it was, or make everything anew from this one.",
-        ))
+        let hint = "Give the recording as it was, or make everything anew from this one.";
+        Err(Error::input_at(path, what, difference.hint(hint, path)))
     }
 }
 

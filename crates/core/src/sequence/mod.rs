@@ -7,6 +7,7 @@ use crate::{
     files::{Inputs, full_path, unfinished_kind},
     grid::{Grid, Mask},
     num::spread,
+    reading::{is_present, open_regular},
 };
 use estimated::Estimated;
 use field_of_view::FieldOfView;
@@ -37,6 +38,7 @@ mod hidden;
 mod identity;
 mod labels;
 mod layouts;
+mod lens;
 mod mp4;
 pub(crate) mod pace;
 mod read;
@@ -118,6 +120,9 @@ impl Sequence {
         if let Some(kind) = unfinished_kind(path) {
             let what = format!("this folder holds an unfinished {kind}");
             return Err(Error::input_at(path, what, "Run the command again that makes it."));
+        }
+        if is_present(path) && !path.is_dir() {
+            open_regular(path).map_err(|e| Error::io("open the recording", path, e))?;
         }
         let file = settings::own_file(path);
         let settings = Settings::read(&file)?;

@@ -243,6 +243,7 @@ impl Recording {
         self.cameras.extend(part.cameras);
         self.scratch.extend(part.scratch);
         self.read_by_ffmpeg.extend(part.read_by_ffmpeg);
+        self.hidden.extend(part.hidden);
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! `sequence.toml`: facts that the user knows better than the files. It lies in the recording's folder (for a
-//! video file: beside it, as `NAME.mp4.toml`). Every part is optional, and it overrides the layout.
+//! video file, or a folder of only one: beside the video, as `NAME.mp4.toml`). Every part is optional, and it
+//! overrides the layout.
 //!
 //! ```toml
 //! [camera]                    # intrinsics in pixels of the frames …
@@ -47,7 +48,7 @@ use super::{
     depth::DepthKind,
     hidden::HiddenRectangle,
     labels::LabelCoding,
-    read,
+    layouts, lens, read,
     recording::{CameraSource, Keep, MaskRule, Recording, Selection},
 };
 use crate::{
@@ -57,18 +58,27 @@ use crate::{
     reading::{is_present, read_text},
 };
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 /// Name of the settings file in a recording's folder.
 pub const SETTINGS_FILE: &str = "sequence.toml";
 
-/// Returns the settings file of the recording `path`: inside a folder, beside a video file.
+/// Returns the settings file of the recording `path`: inside a folder, beside a video file. A folder of only
+/// one video that has none inside has that of the video.
 pub(super) fn own_file(path: &Path) -> PathBuf {
+    let beside = |file: &Path| file.with_file_name(format!("{}.toml", read::file_name(file)));
     if path.is_file() {
-        path.with_file_name(format!("{}.toml", read::file_name(path)))
-    } else {
-        path.join(SETTINGS_FILE)
+        return beside(path);
     }
+    let inside = path.join(SETTINGS_FILE);
+    if is_present(&inside) {
+        return inside;
+    }
+    let of_video = layouts::only_video(path).map(|video| beside(&video));
+    of_video.filter(|file| is_present(file)).unwrap_or(inside)
 }
 
 /// Names the settings file of the recording `path` as messages do. Names of DICOM files may be those of
@@ -86,6 +96,9 @@ pub(crate) fn settings_name(path: &Path) -> String {
 pub fn settings_files(path: &Path) -> [PathBuf; 2] {
     [own_file(path), decided::file(path)]
 }
+
+/// Scales of depth that are believed: with them, whatever a file holds stays a number of the usual size.
+const DEPTH_SCALES: RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Largest frame rate that is believed, and that can be exported as a video.
 pub const MAX_FRAMES_PER_SECOND: f32 = 10_000.0;
@@ -205,7 +218,8 @@ impl Settings {
         };
         let settings: Self = toml::from_str(&text).map_err(|e| {
             let line = e.span().map_or(1, |span| text[..span.start].matches('\n').count() + 1);
-            Error::input_at(path, format!("line {line}: {}", e.message().trim_end_matches('.')), "")
+            let what = in_plain_words(e.message().trim_end_matches('.'));
+            Error::input_at(path, format!("line {line}: {what}"), "")
         })?;
         settings.validate().map_err(|what| Error::input_at(path, what, ""))?;
         Ok(settings)
@@ -224,10 +238,13 @@ impl Settings {
             Some(v) if !(v.is_finite() && v > 0.0 && v < limit) => Err(format!("{name} is {v}")),
             _ => Ok(()),
         };
+        if let Some(scale) = self.depth.scale.filter(|scale| !DEPTH_SCALES.contains(scale)) {
+            let (least, most) = DEPTH_SCALES.into_inner();
+            return Err(format!("[depth] scale is {scale:?}, it must lie between {least:?} and {most:?}"));
+        }
         positive("[camera] fov_x_degrees", camera.fov_x_degrees.map(f64::from), 180.0)?;
         positive("[camera] fx", camera.fx.map(f64::from), f64::INFINITY)?;
         positive("[camera] fy", camera.fy.map(f64::from), f64::INFINITY)?;
-        positive("[depth] scale", self.depth.scale, f64::INFINITY)?;
         positive("[time] frames_per_second", self.time.frames_per_second.map(f64::from), f64::INFINITY)?;
         if let Some(speed) = self.time.frames_per_second.filter(|speed| *speed > MAX_FRAMES_PER_SECOND) {
             return Err(format!(
@@ -248,8 +265,8 @@ impl Settings {
 
     /// Overrides what the layout found. `path` is the settings file, for messages.
     pub(super) fn apply(&self, recording: &mut Recording, path: &Path) -> Result<()> {
-        self.apply_camera(recording);
-        recording.hidden.clone_from(&self.hidden);
+        self.apply_camera(recording, path)?;
+        recording.hidden.extend(&self.hidden);
         recording.depth_rule.kind = self.depth.kind.unwrap_or(recording.depth_rule.kind);
         recording.depth_rule.scale = self.depth.scale.unwrap_or(recording.depth_rule.scale);
         match (self.masks.keep, recording.mask_rule) {
@@ -282,7 +299,7 @@ impl Settings {
         Ok(())
     }
 
-    fn apply_camera(&self, recording: &mut Recording) {
+    fn apply_camera(&self, recording: &mut Recording, path: &Path) -> Result<()> {
         let given = &self.camera;
         let (width, height) = (recording.width as u32, recording.height as u32);
         let aspect = recording.pixel_aspect;
@@ -298,15 +315,35 @@ impl Settings {
                 ..Camera::with_field_of_view(width, height, 60.0)
             }
         } else {
-            return;
+            return Ok(());
         };
+        if let Some(what) = lens::impossible(&intrinsics) {
+            let hint = "Give fx, fy, cx and cy in pixels of the frames, or fov_x_degrees alone.";
+            return Err(Error::input_at(path, format!("[camera] cannot be right: {what}"), hint));
+        }
         for camera in &mut recording.cameras {
             *camera = Camera { camera_from_world: camera.camera_from_world, ..intrinsics };
         }
         if let CameraSource::Assumed(_) = recording.camera_source {
             recording.camera_source = CameraSource::Lens;
         }
+        Ok(())
     }
+}
+
+/// Replaces the name of a type, by which a message of the TOML reader ends, by plain words.
+fn in_plain_words(message: &str) -> String {
+    let Some((what, expected)) = message.rsplit_once(", expected ") else { return message.to_owned() };
+    let plain = match expected {
+        "usize" => "a whole number that is not negative",
+        "u8" => "a whole number from 0 to 255",
+        "f32" | "f64" => "a number",
+        "a string" | "path string" => "a text",
+        "a sequence" => "a list",
+        table if table.starts_with("struct ") => "a table of settings",
+        other => other,
+    };
+    format!("{what}, expected {plain}")
 }
 
 #[cfg(test)]
@@ -329,6 +366,20 @@ mod tests {
     }
 
     #[test]
+    fn values_of_another_kind_are_told_in_plain_words() {
+        for (text, expected) in [
+            ("[frames]\nfirst = -1\n", "expected a whole number that is not negative"),
+            ("[frames]\nlast = \"all\"\n", "expected a whole number that is not negative"),
+            ("[camera]\nfx = \"long\"\n", "expected a number"),
+            ("frames = 3\n", "expected a table of settings"),
+            ("[[classes]]\nid = 300\nname = \"fat\"\n", "expected a whole number from 0 to 255"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+
+    #[test]
     fn contradictions_and_nonsense_are_refused() {
         for text in [
             "[camera]\nfov_x_degrees = 60.0\nfx = 500.0\n",
@@ -336,6 +387,8 @@ mod tests {
             "[camera]\nfov_x_degrees = 180.0\n",
             "[camera]\nfx = nan\n",
             "[depth]\nscale = 0.0\n",
+            "[depth]\nscale = 1e30\n",
+            "[depth]\nscale = 1e-30\n",
             "[time]\nevery = 0\n",
             "[time]\nframes_per_second = 100000.0\n",
         ] {

@@ -7,10 +7,14 @@ use super::{
     ffmpeg::{self, Container, Unread},
     h264::{self, H264, cut_off, other_size},
     mp4::Mp4,
+    read,
     recording::{FrameFiles, Picture, Recording, Selection},
     settings::{Settings, own_file},
 };
-use crate::{Error, Result, reading::Pieces};
+use crate::{
+    Error, Result,
+    reading::{Pieces, is_present},
+};
 use rayon::prelude::*;
 use std::{
     fs::File,
@@ -37,31 +41,46 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
 }
 
 /// Opens the videos of a folder, in this order, as one recording. The settings of each say which of its
-/// frames are used.
+/// frames are used. What they hide is hidden in all frames: too much is better than too little.
 ///
 /// # Errors
 /// A file that cannot be read, or whose pictures have another size than those of the first.
 pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selection) -> Result<Recording> {
-    if let [only] = files {
-        return Ok(Recording { path: folder.to_owned(), ..open(only, selection)? });
-    }
     let decoders = Decoders::default();
-    let mut whole = Recording::new(folder, (0, 0), Vec::new());
-    let open = |file: &PathBuf| {
-        let settings = Settings::read(&own_file(file))?;
-        let selection = Selection { every: 1, ..settings.selection() };
-        let mut part = open_part(file, &selection, decoders.clone())?;
-        if settings != (Settings { frames: settings.frames.clone(), ..Settings::default() }) {
-            let note = "of the settings beside it [frames] alone counts here: sequence.toml in the folder has the others";
-            part.notes.push(note.to_owned());
+    if let [only] = files {
+        let (own, beside) = (own_file(folder), own_file(only));
+        if own == beside || !is_present(&beside) {
+            return Ok(Recording { path: folder.to_owned(), ..open(only, selection)? });
         }
-        Ok(part)
-    };
-    let parts: Vec<_> = files.par_iter().map(open).collect();
+        let whole = open_with_settings(only, decoders)?;
+        return Recording { path: folder.to_owned(), ..whole }.select(selection);
+    }
+    let mut whole = Recording::new(folder, (0, 0), Vec::new());
+    let parts: Vec<_> = files.par_iter().map(|file| open_with_settings(file, decoders.clone())).collect();
     for (file, part) in files.iter().zip(parts) {
         whole.append(file, part?)?;
     }
     whole.select(selection)
+}
+
+/// Opens a video whose folder has settings of its own. Of those beside the video, `[frames]` and `[[hidden]]`
+/// count.
+fn open_with_settings(file: &Path, decoders: Decoders) -> Result<Recording> {
+    let beside = own_file(file);
+    let (settings, name) = (Settings::read(&beside)?, read::file_name(&beside));
+    let selection = Selection { every: 1, ..settings.selection() };
+    let mut part = open_part(file, &selection, decoders)?;
+    let (frames, hidden) = (settings.frames.clone(), settings.hidden.clone());
+    if settings != (Settings { frames, hidden, ..Settings::default() }) {
+        part.notes.push(format!(
+            "Of {name}, [frames] and [[hidden]] alone count here: sequence.toml in the folder has the others"
+        ));
+    }
+    if !settings.hidden.is_empty() {
+        part.notes.push(format!("What {name} hides is black in every frame of the folder"));
+    }
+    part.hidden = settings.hidden;
+    Ok(part)
 }
 
 /// Caution about an mp4 whose index is left to ffmpeg.

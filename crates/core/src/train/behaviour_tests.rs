@@ -160,6 +160,17 @@ fn a_checkpoint_of_other_depth_masks_or_cameras_is_refused() {
     assert_eq!(supervision(&mut resume().unwrap()), supervision(&mut trainer));
 }
 
+#[cfg(unix)]
+#[test]
+fn a_scene_of_a_link_finds_its_recording_by_the_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let [recording, link] = ["recording", "link"].map(|name| folder.path().join(name));
+    demo::write(&demo_settings(3), &recording, &mut unobserved).unwrap();
+    std::os::unix::fs::symlink(&recording, &link).unwrap();
+    let mut trainer = Trainer::new(&Sequence::open(&link).unwrap(), None, short(5)).unwrap();
+    assert_eq!(trainer.scene().unwrap().provenance.sequence_path, link);
+}
+
 #[test]
 fn training_learns_the_clip_without_its_test_frames() {
     let clip = Clip::new(10);

@@ -428,7 +428,7 @@ impl Trainer {
             provenance: Provenance {
                 made_by: format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
                 sequence_name: self.sequence.name(),
-                sequence_path: files::full_path(self.sequence.path()),
+                sequence_path: files::located_path(self.sequence.path()),
                 identity: Some(self.identity.clone()),
                 supervision: Some(self.supervision.clone()),
                 depth: Some(self.sequence.depth_origin()),

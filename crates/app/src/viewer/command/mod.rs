@@ -201,7 +201,7 @@ commands! {
         "Copy the picture as it is shown, with names, frame and time, to paste it into slides",
         unless no_picture, act |s, g| s.copy_picture(g.now, g.ctx);
     PlayPause: Time, Viewport, [key(Key::Space)], "Play or pause",
-        "Play or pause at the recording's own speed",
+        "Play forwards, or pause; after playing backwards, at the recording's own speed",
         unless nothing_open, act |s, g| s.play_or_pause(g.now);
     StepBack: Time, Viewport, [key(Key::ArrowLeft)], "Back 1 frame",
         "Back 1 frame",

@@ -160,7 +160,7 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
         return false;
     }
     let way = Way::of(response);
-    let is_dragged = response.dragged_by(PointerButton::Primary) || way.whole_from.is_some();
+    let is_dragged = response.dragged_by(PointerButton::Primary) || way.is_whole;
     let is_touched = response.clicked() || is_dragged;
     let (Some(frame), Some(info)) = (shown_frame(shared), shared.info()) else { return true };
     if is_touched && marking.plain_name().is_empty() {
@@ -173,10 +173,6 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     }
     let draft = marking.draft_on(frame);
     let size = [info.width, info.height];
-    let at = response.interact_pointer_pos();
-    let pressed = way.whole_from.or(response.ctx.input(|i| i.pointer.press_origin())).or(at);
-    let pixel = |at: Pos2| pressed.and_then(|within| panes.pixel(at, within, size));
-    let to = at.and_then(pixel);
     let is_denied = response.ctx.input(|i| i.modifiers.shift) == marking.adds;
     let add = draft.map_or(!is_denied, |draft| draft.mark.add);
     let made = |shape: Shape| {
@@ -185,22 +181,21 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     };
     let is_stopped = response.drag_stopped_by(PointerButton::Primary);
     if is_dragged || is_stopped {
+        let Some(press) = way.press else { return true };
         if draft.is_none() {
             // The mark belongs to the frame that is seen.
             actions.push(Action::GoTo(frame));
         }
-        let from = pressed.and_then(pixel);
-        let mut drawn = draft.cloned();
-        for to in way.points.into_iter().filter_map(pixel) {
-            let from = from.unwrap_or(to);
-            drawn = Some(made(dragged(marking.tool, marking.radius_px, drawn.as_ref(), from, to)));
-        }
-        match is_stopped || way.whole_from.is_some() {
+        let points = press.points.iter().filter_map(|at| panes.pixel(*at, press.from, size));
+        let shape = draft.map(|draft| draft.mark.shape.clone());
+        let drawn = points.fold(shape, |s, to| Some(dragged(marking.tool, marking.radius_px, s, to)));
+        let drawn = drawn.map(made);
+        match is_stopped || way.is_whole {
             true => finish(actions, drawn.as_ref(), size),
             false => actions.push(Action::marking(move |m| m.draft = drawn)),
         }
     } else if response.clicked()
-        && let Some(to) = to
+        && let Some(to) = response.interact_pointer_pos().and_then(|at| panes.pixel(at, at, size))
     {
         match clicked(marking.tool, marking.radius_px, draft, to) {
             None => {}
@@ -224,46 +219,69 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     true
 }
 
-/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke, or
-/// all of it but the press, neither of which is a drag.
-struct Way {
+/// A press of the button on the picture.
+#[derive(Clone)]
+struct Press {
+    from: Pos2,
+    /// Positions of the pointer that nothing was drawn to yet, in order. The first one is that of the press.
     points: Vec<Pos2>,
-    /// Place where the button was pressed, if it was also released, somewhere else.
-    whole_from: Option<Pos2>,
+}
+
+impl Press {
+    fn at(from: Pos2) -> Self {
+        Self { from, points: vec![from] }
+    }
+
+    /// Hands over the positions so far, to be drawn to.
+    fn hand_over(&mut self) -> Self {
+        Self { from: self.from, points: std::mem::take(&mut self.points) }
+    }
+}
+
+/// Way of the pointer since the last frame of the window, with all positions in between.
+struct Way {
+    /// The press that is drawn from, once it is no click.
+    press: Option<Press>,
+    /// `true` if the button was released, too, somewhere else. Where frames are slow, that may be all of a
+    /// stroke, or all of it but the press, neither of which is a drag.
+    is_whole: bool,
 }
 
 impl Way {
     fn of(response: &Response) -> Self {
-        let id = response.id.with("pressed at");
-        let mut pressed_at = response.ctx.data(|data| data.get_temp::<Option<Pos2>>(id)).flatten();
-        let (mut points, mut whole_from) = (Vec::new(), None);
-        response.ctx.input(|input| {
-            for event in &input.events {
-                match *event {
-                    Event::PointerMoved(at) => points.push(at),
-                    Event::PointerButton { pos, button: PointerButton::Primary, pressed: true, .. } => {
-                        points.clear();
-                        pressed_at = Some(pos);
+        let (ctx, id) = (&response.ctx, response.id.with("press"));
+        let mut held = ctx.data_mut(|data| data.remove_temp::<Option<Press>>(id)).flatten();
+        let (events, turns) = ctx.input(|input| (input.events.clone(), input.modifiers.alt));
+        let is_here = |at: Pos2| response.rect.contains(at) && ctx.layer_id_at(at) == Some(response.layer_id);
+        let mut released: Option<Press> = None;
+        for event in events {
+            match event {
+                Event::PointerMoved(at) => {
+                    if let Some(press) = &mut held {
+                        press.points.push(at);
                     }
-                    Event::PointerButton { pos, button: PointerButton::Primary, .. } => {
-                        points.push(pos);
-                        whole_from = pressed_at.take();
-                        break;
-                    }
-                    _ => {}
                 }
+                Event::PointerButton { pos, button: PointerButton::Primary, pressed: true, .. } => {
+                    held = (!turns && is_here(pos)).then(|| Press::at(pos));
+                }
+                Event::PointerButton { pos, button: PointerButton::Primary, .. } => {
+                    if let Some(mut press) = held.take() {
+                        press.points.push(pos);
+                        released = released.or(Some(press));
+                    }
+                }
+                _ => {}
             }
-        });
-        // From here on a drag is told as one, and may be given up.
-        let kept = pressed_at.filter(|_| !response.dragged_by(PointerButton::Primary));
-        response.ctx.data_mut(|data| data.insert_temp(id, kept));
-        let click_points = response.ctx.options(|options| options.input_options.max_click_dist);
-        let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > click_points);
-        let is_here = |from: Pos2| {
-            response.rect.contains(from) && response.ctx.layer_id_at(from) == Some(response.layer_id)
-        };
-        let whole_from = whole_from.filter(|from| is_far(*from) && is_here(*from));
-        Self { points, whole_from }
+        }
+        // A drag that was given up, or that something on the picture has, is none of the tool.
+        let mut held = held.filter(|_| response.is_pointer_button_down_on() || released.is_some());
+        let click_points = ctx.options(|options| options.input_options.max_click_dist);
+        let is_far = |press: &Press| press.points.iter().any(|at| at.distance(press.from) > click_points);
+        let is_whole = released.as_ref().is_some_and(is_far);
+        let is_dragged = response.dragged_by(PointerButton::Primary);
+        let press = released.or_else(|| held.as_mut().filter(|_| is_dragged).map(Press::hand_over));
+        ctx.data_mut(|data| data.insert_temp(id, held));
+        Self { press, is_whole }
     }
 }
 
@@ -293,21 +311,20 @@ fn encloses_nothing(shape: &Shape, [width, height]: [usize; 2]) -> bool {
     count == 0 || area_px < LEAST_WIDTH_PX * length_px / 2.0
 }
 
-/// Returns the shape after the mouse was dragged on to a point.
-fn dragged(tool: Tool, radius_px: f32, draft: Option<&Draft>, from: [f32; 2], to: [f32; 2]) -> Shape {
-    let shape = draft.map(|draft| draft.mark.shape.clone());
+/// Returns the shape after the mouse was dragged on to a point. A new one begins there.
+fn dragged(tool: Tool, radius_px: f32, shape: Option<Shape>, to: [f32; 2]) -> Shape {
     let with = |points: Vec<[f32; 2]>, step: f32| extended(points, to, step);
     match (tool, shape) {
         (Tool::Brush, Some(Shape::Stroke { points_px, radius_px })) => {
             Shape::Stroke { points_px: with(points_px, (radius_px / 3.0).max(1.0)), radius_px }
         }
-        (Tool::Brush, _) => Shape::Stroke { points_px: with(vec![from], 1.0), radius_px },
+        (Tool::Brush, _) => Shape::Stroke { points_px: vec![to], radius_px },
         (Tool::Outline, Some(Shape::Polygon { points_px })) => {
             Shape::Polygon { points_px: with(points_px, STEP_PX) }
         }
-        (Tool::Outline, _) => Shape::Polygon { points_px: with(vec![from], STEP_PX) },
+        (Tool::Outline, _) => Shape::Polygon { points_px: vec![to] },
         (Tool::Box, Some(Shape::Box { corners_px: [from, _] })) => Shape::Box { corners_px: [from, to] },
-        (Tool::Box, _) => Shape::Box { corners_px: [from, to] },
+        (Tool::Box, _) => Shape::Box { corners_px: [to, to] },
         (Tool::Click, _) => Shape::Click { point_px: to, radius_px },
     }
 }
@@ -318,20 +335,28 @@ fn clicked(tool: Tool, radius_px: f32, draft: Option<&Draft>, at: [f32; 2]) -> O
         (Tool::Brush, _) => Some(Shape::Stroke { points_px: vec![at], radius_px }),
         (Tool::Click, _) => Some(Shape::Click { point_px: at, radius_px }),
         (Tool::Outline, Some(Shape::Polygon { points_px })) => {
-            Some(Shape::Polygon { points_px: extended(points_px.clone(), at, CORNER_PX) })
+            let is_far = points_px.last().is_none_or(|last| distance(*last, at) >= CORNER_PX);
+            let points_px = points_px.iter().copied().chain(is_far.then_some(at)).collect();
+            Some(Shape::Polygon { points_px })
         }
         (Tool::Outline, _) => Some(Shape::Polygon { points_px: vec![at] }),
         (Tool::Box, _) => None,
     }
 }
 
-/// Adds a point that is a step or more away from the last one.
+/// Adds a point. It takes the place of the last one if that is less than a step away from the one before, so
+/// that the end is always where the mouse is.
 fn extended(mut points: Vec<[f32; 2]>, to: [f32; 2], step: f32) -> Vec<[f32; 2]> {
-    let is_far = |last: &[f32; 2]| (last[0] - to[0]).hypot(last[1] - to[1]) >= step;
-    if points.last().is_none_or(is_far) {
-        points.push(to);
+    match &mut points[..] {
+        [.., before, last] if distance(*before, *last) < step => *last = to,
+        [.., last] if *last == to => {}
+        _ => points.push(to),
     }
     points
+}
+
+fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 #[cfg(test)]
@@ -377,11 +402,11 @@ mod tests {
     }
 
     #[test]
-    fn a_shaking_hand_adds_no_points() {
+    fn a_shaking_hand_moves_the_last_point() {
         let mut points = vec![[5.0, 5.0]];
         for to in [[5.5, 5.0], [5.2, 5.9], [9.0, 5.0], [9.1, 5.0]] {
             points = extended(points, to, 2.0);
         }
-        assert_eq!(points, [[5.0, 5.0], [9.0, 5.0]]);
+        assert_eq!(points, [[5.0, 5.0], [9.0, 5.0], [9.1, 5.0]]);
     }
 }

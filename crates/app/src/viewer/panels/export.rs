@@ -14,7 +14,7 @@ use crate::viewer::{
     },
     shared::{Dialog, Shared},
     state::{content::Prompt, view_mode::ViewMode},
-    text::{sentence, thousands},
+    text::{counted, sentence, thousands},
     theme,
 };
 use crate::{
@@ -145,10 +145,14 @@ impl ExportDialog {
             return;
         };
         export.poll();
-        let (is_done, is_closed) = widgets::dialog(ctx, "export", 560.0, |ui| {
+        let content = |ui: &mut Ui| {
             ui.heading("Export masked frames");
-            asking_ui(ui, &mut export, shared, actions)
-        });
+            asking_ui(ui, &mut export, shared);
+            export
+        };
+        let footer = |ui: &mut Ui, export: Export| (start_ui(ui, &export, shared, actions), export);
+        let ((is_done, export), is_closed) =
+            widgets::dialog_with_footer(ctx, "export", 560.0, content, footer);
         if is_done || is_closed {
             actions.push(Action::CloseDialog);
         }
@@ -156,11 +160,15 @@ impl ExportDialog {
     }
 }
 
-/// Shows the settings of an export; returns `true` if the dialog is to be closed.
-fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Vec<Action>) -> bool {
+/// Shows the settings of an export, each with what it leaves out.
+fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared) {
     let names: Vec<_> = export.request.questions.iter().map(|q| format!("\"{}\"", q.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
+    let left_out = left_out(&export.request.questions, shared);
+    if !left_out.is_empty() {
+        warn(ui, format!("Nothing will be written for {}", left_out.join(", ")));
+    }
     ui.add_space(6.0);
     formats_ui(ui, &mut export.request.options.formats);
     seg_type_ui(ui, &mut export.request.options);
@@ -168,6 +176,11 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Ve
     look_ui(ui, &mut export.request.options);
     ui.separator();
     frames_ui(ui, export);
+    let num_unlearned = num_unlearned(&export.frames(), shared);
+    if num_unlearned > 0 {
+        let count = thousands(num_unlearned);
+        warn(ui, format!("Frames that are not reconstructed yet are left out: {count}"));
+    }
     ui.horizontal(|ui| {
         if export.picking.button_ui(ui, "Folder…").clicked() {
             export.pick_folder(shared.backend.clone(), &ui.ctx().clone());
@@ -175,10 +188,14 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Ve
         path_field(ui, "Folder of the export", &mut export.request.folder);
     });
     export.picking.note_ui(ui);
-    ui.add_space(10.0);
-    let frames = export.frames();
-    let is_ready = plan_ui(ui, &export.request, &frames, shared);
     ui.label(caption("A provenance.json beside them says how they were made."));
+}
+
+/// Shows how many files will be written, and the buttons; returns `true` if the dialog is to be closed.
+fn start_ui(ui: &mut Ui, export: &Export, shared: &Shared, actions: &mut Vec<Action>) -> bool {
+    let frames = export.frames();
+    ui.add_space(10.0);
+    let is_ready = plan_ui(ui, &export.request, &frames, shared);
     ui.horizontal(|ui| {
         if ui.add_enabled(is_ready, main_button("Start export")).clicked() {
             let request = ExportRequest { frames, ..export.request.clone() };
@@ -189,33 +206,29 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, shared: &Shared, actions: &mut Ve
     .inner
 }
 
-/// Shows how many files an export of `frames` writes, and what it leaves out. Returns `true` if it can be
-/// made.
+/// Shows how many files an export of `frames` writes, or why it cannot be made. Returns `true` if it can.
 fn plan_ui(ui: &mut Ui, request: &ExportRequest, frames: &[usize], shared: &Shared) -> bool {
     let ExportRequest { options, questions, .. } = request;
     let Some(info) = shared.info() else { return false };
-    let warn = |ui: &mut Ui, text: String| {
-        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
-    };
     let fault = fault(options, frames, (info.width, info.height));
     let is_ready = !options.formats.is_empty() && !questions.is_empty() && fault.is_none();
     fault.into_iter().for_each(|text| warn(ui, text));
-    let num_unlearned = frames.iter().filter(|frame| info.is_unlearned(**frame)).count();
-    let left_out = left_out(questions, shared);
-    let num_written = questions.len() - left_out.len();
+    let num_written = questions.len() - left_out(questions, shared).len();
     let count = match is_ready {
-        true => num_files(&options.formats, frames.len() - num_unlearned, num_written),
+        true => num_files(&options.formats, frames.len() - num_unlearned(frames, shared), num_written),
         false => 0,
     };
-    ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
-    if !left_out.is_empty() {
-        warn(ui, format!("Nothing will be written for {}", left_out.join(", ")));
-    }
-    if num_unlearned > 0 {
-        let count = thousands(num_unlearned);
-        warn(ui, format!("Frames that are not reconstructed yet are left out: {count}"));
-    }
+    ui.label(RichText::new(format!("{} will be written", counted(count, "file", "files"))).strong());
     is_ready
+}
+
+fn warn(ui: &mut Ui, text: String) {
+    ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+}
+
+/// Counts the frames that are not reconstructed yet.
+fn num_unlearned(frames: &[usize], shared: &Shared) -> usize {
+    shared.info().map_or(0, |info| frames.iter().filter(|frame| info.is_unlearned(**frame)).count())
 }
 
 /// Says why the frames of a recording, whose pictures have a size, cannot be exported in the chosen formats.
@@ -301,7 +314,8 @@ fn look_ui(ui: &mut Ui, options: &mut ExportOptions) {
         let tip = "Size of overlays and videos; lines and words stay sharp. Masks and data keep the recording's size";
         choice(ui, &mut options.width_px, &WIDTHS.map(|width| (width, label(width), tip.to_owned(), true)));
     });
-    let tip = "Written into the upper left corner of overlays, videos and animations";
+    let tip =
+        "Written into the upper left corner of overlays, videos and animations, and below contact sheets";
     ui.checkbox(&mut options.captions, "Write names, frame number and time").on_hover_text(tip);
     let tip = "Pictures travel without their caption; the record says it if it was left out";
     ui.checkbox(&mut options.stamp, "Write \"research use only\"").on_hover_text(tip);

@@ -5,7 +5,7 @@ use crate::viewer::{
     panels::widgets::{caption, main_button},
     shared::Shared,
     state::exporting::Exporting,
-    text::{duration, thousands},
+    text::{counted, duration, thousands},
     theme,
 };
 use egui::{Button, Frame, Margin, ProgressBar, RichText, Ui};
@@ -28,7 +28,10 @@ pub(crate) fn exporting_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Actio
 fn running_ui(ui: &mut Ui, exporting: &Exporting) {
     let task = &exporting.task;
     let progress = &task.progress;
-    let text = format!("Exporting: {} of {} frames", thousands(progress.done), thousands(progress.total));
+    let text = match progress.total {
+        0 => "Exporting…".to_owned(),
+        total => format!("Exporting: {} of {}", thousands(progress.done), counted(total, "frame", "frames")),
+    };
     ui.label(RichText::new(text).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     let label = if task.is_cancelling() { "Stopping…" } else { "Stop the export" };
@@ -48,11 +51,12 @@ fn finished_ui(
     summary: &ExportSummary,
     actions: &mut Vec<Action>,
 ) {
-    let files = thousands(summary.files);
+    let files = counted(summary.files, "file", "files");
+    let verb = if summary.files == 1 { ("is", "was") } else { ("are", "were") };
     if summary.complete {
-        ui.label(format!("{files} files are in"));
+        ui.label(format!("{files} {} in", verb.0));
     } else {
-        let text = format!("Stopped. The {files} files that were finished are complete, in");
+        let text = format!("Stopped. The {files} that {} finished {} complete, in", verb.1, verb.0);
         ui.label(RichText::new(text).color(theme::AMBER));
     }
     let folder = exporting.folder().display().to_string();

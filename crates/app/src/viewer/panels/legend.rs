@@ -8,7 +8,11 @@ use crate::viewer::{
     text::percent,
     theme,
 };
-use egui::{Align2, Color32, Galley, Painter, Rect, Ui, pos2, vec2};
+use egui::{
+    Align2, Color32, Galley, Painter, Rect, Ui, pos2,
+    text::{LayoutJob, TextWrapping},
+    vec2,
+};
 use std::sync::Arc;
 use surgtpgs_core::palette::Palette;
 
@@ -129,20 +133,20 @@ impl LineSize {
         self.height + 11.0
     }
 
-    /// Lays out the words of a line: without its value where both are too long, but for what is not found.
+    /// Lays out the words of a line: the name, cut short where it is too long, and the value where both fit.
     fn words(self, painter: &Painter, line: &Line<'_>, room: f32) -> Arc<Galley> {
-        let lay_out =
-            |text: String| painter.layout_no_wrap(text, egui::FontId::proportional(self.font), theme::TEXT);
+        let job = |text: String| {
+            LayoutJob::simple_singleline(text, egui::FontId::proportional(self.font), theme::TEXT)
+        };
         let (name, is_found) = (shortened(&line.text), line.found.is_some_and(|found| found.area_px > 0));
-        if is_found && !self.has_area {
-            return lay_out(name);
+        if self.has_area || !is_found {
+            let both = painter.layout_job(job(format!("{name}   {}", line.value)));
+            if both.size().x <= room {
+                return both;
+            }
         }
-        let both = lay_out(format!("{name}   {}", line.value));
-        match (both.size().x > room, is_found) {
-            (true, true) => lay_out(name),
-            (true, false) => lay_out(line.value.clone()),
-            (false, _) => both,
-        }
+        let wrap = TextWrapping::truncate_at_width(room);
+        painter.layout_job(LayoutJob { wrap, ..job(name) })
     }
 }
 

@@ -3,14 +3,16 @@
 use crate::viewer::{
     action::Action,
     command::{Command, entry},
-    panels::widgets::add_unless,
+    panels::widgets::{SCROLL_BAR, add_unless, show_scroll_bars},
     shared::Shared,
     theme,
 };
-use egui::{ScrollArea, Ui};
+use egui::{Frame, Margin, ScrollArea, Ui};
 
 /// Height of a window that its menus leave free: the menu bar and their frame, points.
 const ROOM_AROUND: f32 = 60.0;
+/// Width of a menu without its scroll bar, points.
+const WIDTH: f32 = 300.0;
 
 /// Shows the menus, whose entries are commands.
 pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
@@ -59,14 +61,18 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
     });
 }
 
-/// Shows a button with a menu that is never higher than the window.
+/// Shows a button with a menu that is never higher than the window, and keeps its width while it is scrolled.
 fn scrolling_menu(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
     ui.menu_button(title, |ui| {
         let room = ui.ctx().content_rect().height() - ROOM_AROUND;
+        show_scroll_bars(ui);
         ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, |ui| {
             // The scroll bar covers no keys.
-            ui.set_max_width(ui.available_width() - 10.0);
-            content(ui);
+            let margin = Margin { right: SCROLL_BAR as i8, ..Margin::ZERO };
+            Frame::new().inner_margin(margin).show(ui, |ui| {
+                ui.set_width(WIDTH);
+                content(ui);
+            });
         });
     });
 }
@@ -84,7 +90,6 @@ fn menu(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, title: &str, gr
 
 /// Shows a menu entry; label, key and tooltip are those of the command table.
 fn item(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, of: Command) {
-    ui.set_min_width(250.0);
     let entry = entry(of);
     let label = match of {
         Command::Undo => named("Undo", shared.document.undo_name()),

@@ -80,7 +80,7 @@ fn words_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
     let id = prompt.id;
     let field = Field { label: &label, salt: ("words", id), is_live: false };
     if let Some(words) = field.ui(ui, &prompt.text) {
-        actions.push(Action::edit(move |d| d.rename(id, &words)));
+        actions.push(Action::Rename(id, words));
     }
 }
 

@@ -149,8 +149,13 @@ fn unanswered_ui(ui: &mut Ui, shared: &Shared) {
     if info.has_reconstruction {
         ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
     }
+    let has_marks = !shared.document.marks().is_empty();
+    let will_find_none = shared.will_find_words() == Some(false);
     let advice = match (info.has_reconstruction, info.has_labels) {
-        _ if shared.will_find_words() == Some(false) => {
+        _ if will_find_none && has_marks => {
+            "It is being reconstructed without labels and networks: only what is marked will be found in it."
+        }
+        _ if will_find_none => {
             "It is being reconstructed without labels and networks: no words will be found in it."
         }
         (false, true) if shared.is_reconstructing() => {
@@ -166,7 +171,11 @@ fn unanswered_ui(ui: &mut Ui, shared: &Shared) {
         }
     };
     ui.label(caption(advice));
-    ui.label(caption("Or mark a structure by hand on one frame: it is then found on all of them."));
+    if !has_marks {
+        let how = if will_find_none { "Mark" } else { "Or mark" };
+        let hint = "a structure by hand on one frame: it is then found on all of them.";
+        ui.label(caption(format!("{how} {hint}")));
+    }
     ui.add_space(6.0);
 }
 

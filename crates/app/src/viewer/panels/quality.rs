@@ -9,7 +9,7 @@ use crate::viewer::{
         folder::free_folder,
         widgets::{caption, dialog, main_button},
     },
-    remedy::message,
+    remedy::statement,
     shared::{Dialog, Shared},
     text::thousands,
     theme,
@@ -83,7 +83,7 @@ impl Measurement {
         let (next, problem) = match &mut self.state {
             State::Measuring(task) => match task.poll()? {
                 TaskEvent::Done(Ok(evaluation)) => (State::Measured(Arc::new(evaluation)), None),
-                TaskEvent::Done(Err(problem)) => return Some(message(&problem)),
+                TaskEvent::Done(Err(problem)) => return Some(statement(&problem)),
                 _ => return None,
             },
             State::Saving(evaluation, task) => match task.poll()? {
@@ -92,7 +92,7 @@ impl Measurement {
                     // Another program may have taken the name.
                     let parent = self.folder.parent().unwrap_or(Path::new("")).to_owned();
                     self.folder = free_folder(&parent, &self.name, "quality");
-                    (State::Measured(evaluation.clone()), Some(message(&problem)))
+                    (State::Measured(evaluation.clone()), Some(statement(&problem)))
                 }
                 _ => return None,
             },

@@ -5,7 +5,8 @@ use crate::viewer::{
     command::Command,
     panels::widgets::{dialog, main_button},
     shared::{DEMO, Shared},
-    state::{autosave::Left, session::Session},
+    state::{autosave::Left, content::Content, session::Session},
+    text::counted,
     theme,
 };
 use egui::{Context, Frame, Margin, RichText, Ui};
@@ -79,18 +80,39 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
 
 /// Summarises a session, e.g. "clip: 2 prompts, 1 bookmark, at frame 8".
 fn summary(shared: &Shared, session: &Session) -> String {
-    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-    let content = &session.content;
-    format!(
-        "{}: {}, {}{}, at frame {}",
-        if shared.is_demo(&session.opened) { DEMO.to_owned() } else { session.name() },
-        count(content.prompts.len(), "prompt"),
-        count(content.bookmarks.len(), "bookmark"),
-        if content.marks.is_empty() {
-            String::new()
-        } else {
-            format!(", {}", count(content.marks.all().len(), "mark"))
-        },
-        session.time.frame + 1
-    )
+    let name = if shared.is_demo(&session.opened) { DEMO.to_owned() } else { session.name() };
+    format!("{name}: {}, at frame {}", decided(&session.content), session.time.frame + 1)
+}
+
+/// Counts what was decided, without what there is none of.
+fn decided(content: &Content) -> String {
+    let kinds = [
+        (content.prompts.len(), "prompt", "prompts"),
+        (content.bookmarks.len(), "bookmark", "bookmarks"),
+        (content.phases.len(), "phase", "phases"),
+        (content.marks.all().len(), "mark", "marks"),
+        (content.excluded.len(), "part left out", "parts left out"),
+    ];
+    let some = kinds.into_iter().filter(|(n, ..)| *n > 0);
+    let counts: Vec<String> = some.map(|(n, one, many)| counted(n, one, many)).collect();
+    if counts.is_empty() { "settings of the view".to_owned() } else { counts.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::viewer::state::{content::Bookmark, phases::Phase};
+
+    #[test]
+    fn everything_that_was_decided_is_counted() {
+        let content = Content {
+            bookmarks: vec![Bookmark::default()],
+            phases: vec![Phase::new("Preparation", 0, 4), Phase::new("Clipping", 5, 9)],
+            excluded: vec![(2, 3)],
+            ..Content::default()
+        };
+        assert_eq!(decided(&content), "1 bookmark, 2 phases, 1 part left out");
+        let range = Content { range: Some((2, 9)), ..Content::default() };
+        assert_eq!(decided(&range), "settings of the view");
+    }
 }

@@ -4,7 +4,10 @@ use crate::viewer::{
     action::Action,
     backend::Info,
     command::Command,
-    panels::widgets::{caption, card, plate},
+    panels::{
+        plates::Plates,
+        widgets::{caption, card, plate},
+    },
     shared::Shared,
     state::{
         measure::{Measurement, NoLength, Scale, measure},
@@ -40,30 +43,29 @@ impl Ruler {
         shared.viewport.has_ruler
     }
 
-    /// Shows the line on every pane, and the card with its length, while the ruler is in use.
-    pub(crate) fn ui(
-        &mut self,
-        ui: &mut Ui,
-        shared: &Shared,
-        actions: &mut Vec<Action>,
-        panes: &Panes,
-        area: egui::Rect,
-    ) {
+    /// Paints the line and its length on every pane, while the ruler is in use. Texts that are placed later
+    /// make way for the length.
+    pub(crate) fn paint(&self, ui: &Ui, shared: &Shared, panes: &Panes, plates: &mut Plates) {
+        let Some(line) = self.line.filter(|_| shared.viewport.has_ruler) else { return };
+        let Some(measured) = measured(shared, line) else { return };
+        let text = measured.text(shared.document.content().scale.as_ref());
+        let [a, b] = line;
+        for ((pane, a), (_, b)) in panes.screen_positions(a).zip(panes.screen_positions(b)) {
+            let painter = ui.painter().with_clip_rect(pane);
+            paint_line(&painter, a, b);
+            // Below the line, so that it hides no end.
+            let at = pos2(a.x.midpoint(b.x), a.y.max(b.y) + 12.0);
+            plates.take(plate(&painter, at, Align2::CENTER_TOP, &text, theme::TEXT));
+        }
+    }
+
+    /// Shows the card with the length, while the ruler is in use.
+    pub(crate) fn ui(&mut self, ui: &Ui, shared: &Shared, actions: &mut Vec<Action>, area: egui::Rect) {
         if !shared.viewport.has_ruler {
             *self = Self::default();
             return;
         }
         let measured = self.line.and_then(|line| measured(shared, line));
-        if let (Some([a, b]), Some(measured)) = (self.line, &measured) {
-            for ((pane, a), (_, b)) in panes.screen_positions(a).zip(panes.screen_positions(b)) {
-                let painter = ui.painter().with_clip_rect(pane);
-                paint_line(&painter, a, b);
-                let text = measured.text(shared.document.content().scale.as_ref());
-                // Below the line, so that it hides no end.
-                let at = pos2(a.x.midpoint(b.x), a.y.max(b.y) + 12.0);
-                plate(&painter, at, Align2::CENTER_TOP, &text, theme::TEXT);
-            }
-        }
         card(ui.ctx(), CARD, area, Align2::RIGHT_BOTTOM, |ui| {
             self.card_ui(ui, shared, actions, measured);
         });

@@ -12,7 +12,7 @@ use crate::viewer::{
         loss_curve::loss_curve_ui,
         models::{ModelsForm, words_ui},
         picking::Picking,
-        widgets::{Icon, caption, choice, dialog, icon_button, main_button, path_field},
+        widgets::{Icon, caption, choice, dialog_with_footer, icon_button, main_button, path_field},
     },
     shared::{Dialog, Shared},
     state::reconstruction::Training,
@@ -341,8 +341,11 @@ impl TrainDialog {
         };
         asked.poll();
         let memory = shared.backend.available_bytes().and_then(memory_warning);
-        let ((starts, is_cancelled), is_closed) =
-            dialog(ctx, "reconstruct", 560.0, |ui| asked_ui(ui, &mut asked, shared, memory));
+        let content = |ui: &mut Ui| (asked_ui(ui, &mut asked, shared, memory), asked);
+        let footer =
+            |ui: &mut Ui, (is_ready, asked): (bool, Asked)| (start_ui(ui, &asked, is_ready, shared), asked);
+        let (((starts, is_cancelled), asked), is_closed) =
+            dialog_with_footer(ctx, "reconstruct", 560.0, content, footer);
         if starts {
             if let Words::Models(models) = asked.request.words.clone() {
                 actions.push(Action::prefer(move |p| p.models = models));
@@ -356,8 +359,8 @@ impl TrainDialog {
     }
 }
 
-/// Shows the questions; returns whether the buttons to start and to cancel were pressed.
-fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Option<String>) -> (bool, bool) {
+/// Shows the questions; returns `true` if what words are found by can be used.
+fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Option<String>) -> bool {
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
     ui.add_space(8.0);
@@ -396,6 +399,11 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Opt
             "It was stopped before its end. Parts that are done are kept, and it goes on with the others.",
         ));
     }
+    is_ready
+}
+
+/// Shows the buttons, and why it cannot be started; returns whether to start and to cancel were pressed.
+fn start_ui(ui: &mut Ui, asked: &Asked, is_ready: bool, shared: &Shared) -> (bool, bool) {
     let fault = asked.fault(&shared.reconstruction.planned_scenes());
     if let Some(why) = &fault {
         ui.label(RichText::new(why).font(theme::small()).color(theme::AMBER));

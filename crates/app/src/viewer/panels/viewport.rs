@@ -88,13 +88,14 @@ impl ViewportPanel {
                 shared.picture().is_some_and(|p| p.unseen_share > 0.0) && pane.label == "Reconstruction";
             paint_synthesised(ui, pane.visible(), is_faded, &mut plates);
         }
+        self.ruler.paint(ui, shared, &panes, &mut plates);
         toast::toast_ui(ui, shared, actions, &mut plates, area);
         notices_ui(ui, shared, area, with_marks, &mut plates);
         if let Some(first) = views.first().filter(|_| with_marks) {
             legend::legend_ui(ui, shared, first.visible(), &panes.0, &mut plates);
         }
         probe::probe_ui(ui, shared, actions, &panes, area);
-        self.ruler.ui(ui, shared, actions, &panes, area);
+        self.ruler.ui(ui, shared, actions, area);
         let description = describe(shared, &views);
         response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &description));
         if panes != shared.viewport.panes {

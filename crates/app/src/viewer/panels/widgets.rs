@@ -6,8 +6,8 @@ use crate::viewer::{
     theme,
 };
 use egui::{
-    Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, Widget, WidgetInfo,
-    WidgetText, pos2,
+    Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, UiBuilder, Vec2, Widget,
+    WidgetInfo, WidgetText, pos2,
     text::{CCursor, CCursorRange},
     text_edit::TextEditState,
     vec2,
@@ -229,6 +229,19 @@ pub(crate) fn palette_ui(ui: &mut Ui, palette: &mut Palette) {
 /// Space around the contents of a dialog, points.
 const FRAME: f32 = 18.0;
 
+/// Room for a scroll bar beside what it scrolls, points.
+pub(crate) const SCROLL_BAR: f32 = 12.0;
+/// Least height of what is scrolled in a dialog, points.
+const LEAST_SCROLLED: f32 = 60.0;
+
+/// Makes scroll bars seen wherever there is more to see, not only below the pointer.
+pub(crate) fn show_scroll_bars(ui: &mut Ui) {
+    let style = &mut ui.spacing_mut().scroll;
+    style.floating_width = 6.0;
+    style.dormant_background_opacity = style.active_background_opacity;
+    style.dormant_handle_opacity = style.active_handle_opacity;
+}
+
 /// Shows a dialog over the window, which can be scrolled where the window is small. The window is dimmed and
 /// does not react meanwhile. Returns the result of `content`, and `true` if Esc or a click beside the dialog
 /// closes it.
@@ -238,6 +251,18 @@ pub(crate) fn dialog<T>(
     width: f32,
     content: impl FnOnce(&mut Ui) -> T,
 ) -> (T, bool) {
+    dialog_with_footer(ctx, name, width, content, |_, result| result)
+}
+
+/// Shows a dialog as [`dialog`] does. Its `footer` stays in sight below what is scrolled. It gets the result
+/// of `content`; its own one is returned.
+pub(crate) fn dialog_with_footer<T, U>(
+    ctx: &egui::Context,
+    name: &'static str,
+    width: f32,
+    content: impl FnOnce(&mut Ui) -> T,
+    footer: impl FnOnce(&mut Ui, T) -> U,
+) -> (U, bool) {
     let frame = egui::Frame::new()
         .fill(theme::RAISED)
         .stroke(Stroke::new(1.0, theme::LINE))
@@ -246,21 +271,36 @@ pub(crate) fn dialog<T>(
     let modal =
         egui::Modal::new(egui::Id::unique(name)).frame(frame).backdrop_color(Color32::from_black_alpha(150));
     let room = ctx.content_rect().size() - vec2(2.0 * FRAME + 16.0, 2.0 * FRAME + 16.0);
+    let (long_id, footer_id) = (egui::Id::unique((name, "is long")), egui::Id::unique((name, "footer")));
+    let scrolled_height = |below: f32| (room.y - below).max(LEAST_SCROLLED);
     let modal = modal.show(ctx, |ui| {
         ui.set_width(width.min(room.x));
-        let area = egui::ScrollArea::vertical().max_height(room.y).auto_shrink([false, true]);
+        let mut inner = ui.new_child(UiBuilder::new().max_rect(ui.available_rect_before_wrap()));
+        let height = scrolled_height(ui.data(|d| d.get_temp::<f32>(footer_id).unwrap_or(0.0)));
+        let area = egui::ScrollArea::vertical().max_height(height).auto_shrink([false, true]);
         // As high as it gets from the start: it must not grow under the pointer.
-        let area = area.min_scrolled_height(room.y);
-        let shown = area.show(ui, |ui| {
+        let area = area.min_scrolled_height(height);
+        let usual_bars = ui.spacing().scroll;
+        show_scroll_bars(&mut inner);
+        let shown = area.show(&mut inner, |ui| {
+            ui.spacing_mut().scroll = usual_bars;
             // The scroll bar covers nothing.
-            let is_long =
-                ui.data(|d| d.get_temp::<bool>(egui::Id::unique((name, "is long"))).unwrap_or(false));
-            ui.set_width(ui.available_width() - if is_long { 12.0 } else { 0.0 });
+            let is_long = ui.data(|d| d.get_temp::<bool>(long_id).unwrap_or(false));
+            ui.set_width(ui.available_width() - if is_long { SCROLL_BAR } else { 0.0 });
             content(ui)
         });
-        let is_long = shown.content_size.y > room.y;
-        ui.data_mut(|d| d.insert_temp(egui::Id::unique((name, "is long")), is_long));
-        shown.inner
+        let scrolled = inner.min_rect();
+        let result = footer(&mut inner, shown.inner);
+        let below = inner.min_rect().bottom() - scrolled.bottom();
+        // What is scrolled makes room for the footer, also where its height was not known yet.
+        let height = scrolled_height(below);
+        let size = vec2(inner.min_rect().width(), scrolled.height().min(height) + below);
+        ui.advance_cursor_after_rect(Rect::from_min_size(scrolled.min, size));
+        ui.data_mut(|d| {
+            d.insert_temp(long_id, shown.content_size.y > height);
+            d.insert_temp(footer_id, below);
+        });
+        result
     });
     let is_closed = modal.should_close();
     (modal.inner, is_closed)

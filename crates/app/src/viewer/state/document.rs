@@ -185,11 +185,16 @@ impl Document {
         self.mend_selection();
     }
 
+    /// Returns another prompt that has these words already.
+    pub(crate) fn namesake(&self, id: PromptId, text: &str) -> Option<&Prompt> {
+        self.prompts().iter().find(|p| p.id != id && p.text.eq_ignore_ascii_case(text.trim()))
+    }
+
     /// Gives a prompt other words, and its marks their name; refuses empty words and those of another prompt.
     pub(crate) fn rename(&mut self, id: PromptId, text: &str) {
         let text = text.trim();
         let Some(prompt) = self.prompt(id).filter(|p| p.text != text && !text.is_empty()) else { return };
-        if self.index_of(text).is_some_and(|index| self.prompts()[index].id != id) {
+        if self.namesake(id, text).is_some() {
             return;
         }
         let name = format!("changing \"{}\" to \"{text}\"", prompt.text);

@@ -84,8 +84,9 @@ impl Marking {
         self.draft.as_ref().filter(|draft| draft.mark.frame == frame)
     }
 
-    /// Returns the name of the structure in plain words; empty before there is one.
+    /// Returns the name of the structure in plain words; empty before there is one. Signs alone are none.
     pub(crate) fn plain_name(&self) -> String {
-        plain_words(self.name.trim())
+        let words = plain_words(self.name.trim());
+        if words.contains(char::is_alphanumeric) { words } else { String::new() }
     }
 }

@@ -157,8 +157,12 @@ impl Playback {
         self.playing_since = Some(now);
     }
 
+    /// Stops. What played backwards plays forwards next, at the recording's own speed.
     pub(crate) fn pause(&mut self) {
         self.playing_since = None;
+        if self.speed < 0.0 {
+            self.speed = 1.0;
+        }
     }
 
     /// Moves the clock to a frame that nobody asked for, at most to the last one. If it plays, it goes on from
@@ -235,11 +239,11 @@ impl Playback {
         self.range = range.map(|(from, to)| (from.min(last), to.clamp(from.min(last), last)));
     }
 
-    /// Restores a saved speed and repetition.
+    /// Restores a saved speed and repetition. What was saved playing backwards plays forwards.
     pub(crate) fn restore(&mut self, speed: f64, looping: bool, now: f64) {
         self.looping = looping;
         if speed.is_finite() && speed != 0.0 {
-            self.set_speed(speed.clamp(-8.0, 8.0), now);
+            self.set_speed(if speed < 0.0 { 1.0 } else { speed.min(8.0) }, now);
         }
     }
 
@@ -372,6 +376,25 @@ mod tests {
             clock.change_speed(-1, 2.0);
         }
         assert_eq!(clock.speed(), 0.1);
+    }
+
+    #[test]
+    fn after_playing_backwards_it_plays_forwards_at_the_recordings_speed() {
+        let mut clock = Playback::new(1000, Some(10.0));
+        clock.seek(500, 0.0);
+        clock.shuttle(-1.0, 0.0);
+        clock.change_speed(1, 1.0);
+        assert_eq!((clock.frame(), clock.speed()), (490, -2.0), "the direction stays while it plays");
+        clock.toggle(2.0);
+        assert_eq!((clock.speed(), clock.is_playing()), (1.0, false));
+        clock.toggle(3.0);
+        clock.advance(4.0);
+        assert_eq!((clock.frame(), clock.speed()), (500, 1.0));
+        clock.toggle(4.0);
+        clock.change_speed(1, 4.0);
+        assert_eq!(clock.speed(), 2.0);
+        clock.restore(-2.0, true, 5.0);
+        assert_eq!(clock.speed(), 1.0);
     }
 
     #[test]

@@ -65,6 +65,15 @@ pub(crate) struct Saved {
     pub(crate) unknown: Map<String, Value>,
 }
 
+impl Saved {
+    /// Returns `true` if the file holds other decisions than were read or written here. One that is gone
+    /// holds none.
+    pub(crate) fn is_changed_elsewhere(&self) -> bool {
+        let Some(file) = self.file.as_ref().filter(|file| file.exists()) else { return false };
+        !Session::load(file).is_ok_and(|there| there.content.is_alike(&self.content))
+    }
+}
+
 impl Saving {
     pub(crate) fn new(autosave: Autosave) -> Self {
         Self {

@@ -170,7 +170,7 @@ fn the_start_page_shows_an_export_and_what_is_said() {
     let mut window = Window::on(scene());
     start_slow_export(&mut window);
     show_start_page(&mut window);
-    assert!(window.shows("Exporting:"));
+    assert!(window.shows("Exporting"));
     assert!(!closes(&mut window));
     window.harness.step();
     assert!(window.shows("An export is running. Close the window again to stop it"));

@@ -218,6 +218,21 @@ fn every_entry_of_every_menu_can_be_reached() {
 }
 
 #[test]
+fn a_menu_keeps_its_width_while_it_is_scrolled() {
+    let mut window = with_prompts(1);
+    window.harness.set_size(vec2(900.0, 600.0));
+    (0..STEPS).for_each(|_| window.harness.step());
+    window.click("Time");
+    let label = entry(Command::TimeFarther).label;
+    let width = |window: &Window| window.harness.get_by_label_contains(label).rect().width();
+    (0..STEPS).for_each(|_| window.harness.step());
+    let before = width(&window);
+    window.harness.get_by_label_contains(label).scroll_to_me();
+    (0..STEPS * 4).for_each(|_| window.harness.step());
+    assert!(before > 250.0 && width(&window) == before, "{} after {before}", width(&window));
+}
+
+#[test]
 fn every_view_holds() {
     let mut window = with_prompts(3);
     for mode in ViewMode::MAIN.into_iter().chain([ViewMode::Motion, ViewMode::Opacity]) {
@@ -288,6 +303,28 @@ fn every_dialog_holds() {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.run(Command::OpenPath.into(), &ctx);
     check("the own dialog for paths", &mut window);
+}
+
+#[test]
+fn the_buttons_of_long_dialogs_are_always_seen() {
+    let mut scene_window = with_prompts(3);
+    let mut bare_window = Window::on(bare());
+    let windows = [
+        (&mut scene_window, Dialog::Export, "Start export"),
+        (&mut bare_window, Dialog::Reconstruct, "Start"),
+    ];
+    for (window, dialog, start) in windows {
+        window.harness.state_mut().shared.dialog = Some(dialog);
+        for size in [[1280.0_f32, 800.0], [900.0, 600.0], [450.0, 300.0]] {
+            window.harness.set_size(size.into());
+            (0..STEPS).for_each(|_| window.harness.step());
+            let screen = window.harness.ctx.content_rect();
+            for label in [start, "Cancel"] {
+                let rect = window.harness.get_by_label(label).rect();
+                assert!(screen.contains_rect(rect), "{label} is at {rect:?} of {size:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -11,19 +11,19 @@ use crate::viewer::{
 };
 use surgtpgs_core::marks::Shape;
 
-fn bare() -> Info {
+pub(super) fn bare() -> Info {
     Info { has_features: false, example_prompts: Vec::new(), ..scene() }
 }
 
 /// Takes the tool in hand and names what is to be marked.
-fn take_tool(window: &mut Window, name: &str) {
+pub(super) fn take_tool(window: &mut Window, name: &str) {
     let marking = &mut window.harness.state_mut().shared.viewport.marking;
     (marking.is_on, marking.name, marking.radius_px) = (true, name.into(), 2.0);
     // The room for the curve of its name makes the picture smaller.
     (0..3).for_each(|_| window.harness.step());
 }
 
-fn marks(window: &Window) -> Vec<Mark> {
+pub(super) fn marks(window: &Window) -> Vec<Mark> {
     window.harness.state().shared.document.marks().all().to_vec()
 }
 
@@ -32,7 +32,7 @@ fn texts(window: &Window) -> Vec<String> {
 }
 
 /// Waits until a prompt is answered with all marks; returns the share of the picture that it finds.
-fn share(window: &mut Window, text: &str) -> f32 {
+pub(super) fn share(window: &mut Window, text: &str) -> f32 {
     let all = window.harness.state().shared.document.marks().clone();
     window.until_picture(|p| {
         p.request.marks == all && !p.request.view.is_preview && p.findings.iter().any(|f| f.text == text)

@@ -20,6 +20,7 @@ mod reconstructing;
 mod recovery;
 mod sessions;
 mod starting;
+mod strokes;
 
 use crate::viewer::{
     backend::{
@@ -252,6 +253,12 @@ fn words_wait_for_no_reconstruction_that_cannot_find_them() {
     window.click("Start");
     window.until_shown("Cannot be looked for: mark it by hand");
     assert!(window.shows("no words will be found in it") && !window.shows("Waits for the reconstruction"));
+    assert!(window.shows("Mark a structure by hand on one frame") && !window.shows("Or mark"));
+    let shape = surgtpgs_core::marks::Shape::Click { point_px: [5.0, 5.0], radius_px: 1.0 };
+    window.harness.state_mut().shared.document.add_mark(Mark::new(0, "banana", true, shape));
+    window.harness.step();
+    assert!(window.shows("only what is marked will be found in it"));
+    assert!(!window.shows("no words will be found") && !window.shows("structure by hand on one frame"));
 }
 
 #[test]
@@ -417,7 +424,7 @@ fn what_cannot_be_opened_says_why() {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(Path::new("/no/such"), &ctx);
     window.until(|app| app.problem.is_some());
-    assert!(window.shows("there is no such file"));
+    assert!(window.shows("There is no such file"));
     assert!(window.harness.state().shared.open.is_some(), "what was open stays");
 }
 

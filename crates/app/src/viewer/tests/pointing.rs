@@ -158,6 +158,47 @@ fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
     assert!(!window.shows(" mm"));
 }
 
+/// Returns the places of the painted texts that are as wanted.
+fn places(window: &Window, is_wanted: impl Fn(&str) -> bool) -> Vec<egui::Rect> {
+    let place = |clipped: &egui::epaint::ClippedShape| match &clipped.shape {
+        egui::Shape::Text(text) if is_wanted(text.galley.text()) => {
+            Some(egui::Rect::from_min_size(text.pos, text.galley.size()))
+        }
+        _ => None,
+    };
+    window.harness.output().shapes.iter().filter_map(place).collect()
+}
+
+#[test]
+fn the_legend_makes_way_for_the_length() {
+    let mut window = Window::on(measurable());
+    window.add_prompt("gallbladder");
+    window.until_found();
+    for mode in [ViewMode::SideBySide, ViewMode::DepthBeside] {
+        window.harness.state_mut().shared.document.mode = mode;
+        window.until_picture(|p| {
+            p.request.layer == mode.layer() && (p.original.is_some() || p.layer.is_some())
+        });
+        (0..5).for_each(|_| window.harness.step());
+        let legend = |window: &Window| places(window, |text| text.starts_with("gallbladder   "))[0];
+        let before = legend(&window);
+        window.press(Key::U);
+        window.harness.step();
+        // The length is written where the legend was.
+        let ends = [before.left_center(), before.right_center()].map(|at| {
+            let panes = &window.harness.state().shared.viewport.panes;
+            panes.picture_position(at - egui::vec2(0.0, 16.0)).unwrap()
+        });
+        drag(&mut window, ends[0], ends[1]);
+        let lengths = places(&window, |text| text.contains(" px") && !text.contains("frame"));
+        assert!(lengths.iter().any(|length| length.intersects(before)), "{lengths:?} and {before:?}");
+        let after = legend(&window);
+        assert!(!lengths.iter().any(|length| length.intersects(after)), "{lengths:?} and {after:?}");
+        window.press(Key::U);
+        window.harness.step();
+    }
+}
+
 #[test]
 fn where_there_is_no_depth_a_length_is_in_pixels() {
     let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..measurable() });

@@ -17,7 +17,7 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
     std::fs::create_dir(folder.path().join("clip-quality")).unwrap();
     std::fs::write(folder.path().join("clip-quality/notes.txt"), "mine").unwrap();
     window.click("Save tables");
-    window.until_shown("the folder is not empty");
+    window.until_shown("The folder is not empty");
     window.click("Save tables");
     window.until_shown("Saved in");
     let saved = folder.path().join("clip-quality-2");
@@ -61,7 +61,7 @@ fn what_cannot_be_measured_is_said_and_nothing_is_kept_of_another_recording() {
     window.until(|app| app.info().is_some_and(|i| i.path.ends_with("gone")));
     window.press_with(Modifiers::COMMAND, Key::M);
     window.until(|app| app.problem.is_some());
-    assert!(window.shows("the recording is not at hand"));
+    assert!(window.shows("The recording is not at hand"));
     assert!(window.harness.state().shared.dialog != Some(Dialog::Quality));
 
     let mut bare = Window::on(Info { has_original: false, ..scene() });

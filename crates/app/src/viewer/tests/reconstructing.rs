@@ -128,7 +128,7 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.click("Give up what was learned");
     window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
     let app = &window.harness.state().shared;
-    assert!(app.problem.as_ref().is_some_and(|p| p.contains("the disk is full")), "{:?}", app.problem);
+    assert!(app.problem.as_ref().is_some_and(|p| p.contains("disk is full")), "{:?}", app.problem);
     assert!(!app.info().unwrap().has_reconstruction, "no file holds what the preview showed");
 
     window.press(Key::Escape);

@@ -209,8 +209,8 @@ fn work_whose_recording_is_gone_is_kept_until_it_is_back() {
     window.harness.step();
     window.click("Restore");
     window.until(|app| app.problem.is_some());
-    assert!(window.shows("there is no such file") && window.shows("put the recording back"));
-    assert!(window.shows("such: 0 prompts, 2 bookmarks"), "it is still offered");
+    assert!(window.shows("There is no such file") && window.shows("put the recording back"));
+    assert!(window.shows("such: 2 bookmarks"), "it is still offered");
     // Neither what is opened instead nor unsaved work on that takes its place.
     open(&mut window, Path::new("/data/clip.safetensors"));
     assert_eq!(Session::load(&kept).unwrap().content.bookmarks.len(), 2);
@@ -310,6 +310,34 @@ fn a_saved_session_opens_as_it_was_and_needs_no_recovery() {
     assert_eq!(window.harness.state().shared.playback.range(), before.content.range);
     assert!(!window.harness.state().shared.is_unsaved());
     assert_eq!(window.harness.state().shared.preferences.recent, [file]);
+}
+
+#[test]
+fn a_session_is_not_saved_over_what_another_window_saved_in_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    let [mut window, mut other] = [(); 2].map(|()| Window::on(scene()));
+    window.press(Key::M);
+    window.harness.state_mut().shared.write_session(&file, 0.0);
+    open(&mut other, &file);
+    other.add_prompt("liver");
+    other.press_with(Modifiers::COMMAND, Key::S);
+    assert!(!other.harness.state().shared.is_unsaved());
+    let theirs = std::fs::read_to_string(&file).unwrap();
+
+    window.add_prompt("fat");
+    window.press_with(Modifiers::COMMAND, Key::S);
+    window.until(|app| app.opening.asked.is_some());
+    let shared = &window.harness.state().shared;
+    let problem = shared.problem.as_deref().unwrap();
+    assert!(problem.starts_with("review.surgtpgs was changed elsewhere since"), "{problem}");
+    assert!(shared.is_unsaved());
+    (0..3).for_each(|_| window.harness.step());
+    window.click("Save");
+    window.until_shown("Saved as review-2.surgtpgs");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), theirs);
+    let shared = &window.harness.state().shared;
+    assert!(shared.problem.is_none() && !shared.is_unsaved());
 }
 
 #[test]
@@ -420,7 +448,7 @@ fn a_session_whose_recording_is_gone_says_so() {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(&file, &ctx);
     window.until(|app| app.problem.is_some());
-    assert!(window.shows("there is no such file"));
+    assert!(window.shows("There is no such file"));
 }
 
 #[test]
@@ -497,6 +525,21 @@ fn a_prompt_gets_other_words_another_colour_and_another_place() {
     let first = window.harness.state().shared.document.prompts()[0].clone();
     assert!(first.text.contains("lobe") && first.text.contains("liver"), "{}", first.text);
     assert_eq!(first.colour, crate::settings::PROMPT_COLOURS[4]);
+}
+
+#[test]
+fn words_that_another_prompt_has_are_refused_and_the_window_says_so() {
+    let mut window = Window::on(scene());
+    window.add_prompt("pa");
+    window.add_prompt("papa");
+    window.click("More about pa");
+    window.harness.get_by_label("Words of pa").focus();
+    window.harness.step();
+    window.harness.get_by_label("Words of pa").type_text("pa");
+    window.harness.step();
+    window.press(Key::Enter);
+    window.until_shown("There is a prompt \"papa\" already");
+    assert_eq!(window.harness.state().shared.document.prompts()[0].text, "pa");
 }
 
 #[test]

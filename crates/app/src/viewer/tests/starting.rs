@@ -72,7 +72,7 @@ fn work_left_unsaved_is_on_the_start_page() {
     window.harness.state_mut().shared.saving.autosave = Autosave::open(Some(folder.path().to_owned()));
     begin(&mut window, &ViewerInput::Start);
     assert!(window.harness.state().shared.open.is_none(), "work that waits is shown before the demo");
-    assert!(window.shows("clip: 0 prompts, 1 bookmark"));
+    assert!(window.shows("clip: 1 bookmark"));
     window.click("Restore");
     window.until(|app| app.saving.to_apply.is_none() && app.document.bookmarks().len() == 1);
 }
@@ -197,7 +197,7 @@ fn the_start_page_is_one_command_away_and_loses_nothing() {
     (0..3).for_each(|_| window.harness.step());
     let app = &window.harness.state().shared;
     assert!(app.open.is_none() && !app.playback.is_playing());
-    assert!(window.shows("Open a video or a file…") && window.shows("clip: 1 prompt, 0 bookmarks"));
+    assert!(window.shows("Open a video or a file…") && window.shows("clip: 1 prompt, at frame"));
     window.click("Restore");
     window.until(|app| app.document.prompts().len() == 1);
 }

@@ -89,7 +89,9 @@ impl Shared {
     /// the name that it returns, which may lack the extension.
     fn write_picked(&mut self, path: &Path, kind: &PathKind, now: f64) {
         let file = kind.completed(path);
-        let is_agreed = file == path || self.saving.saved.file.as_ref() == Some(&file);
+        let saved = &self.saving.saved;
+        let is_own = saved.file.as_ref() == Some(&file) && !saved.is_changed_elsewhere();
+        let is_agreed = file == path || is_own;
         match (taken(&file).filter(|_| !is_agreed), kind) {
             (Some(why), PathKind::SaveMarks(_)) => self.refuse_saving(SavedKind::Marks, why),
             (Some(why), _) => self.refuse_saving(SavedKind::Session, why),

@@ -5,7 +5,7 @@ use crate::viewer::{
         Info,
         paths::{PathAsk, PathKind, free_path},
     },
-    remedy::message,
+    remedy::statement,
     shared::Shared,
     state::{
         autosave::{Left, LeftId},
@@ -199,16 +199,38 @@ impl Shared {
         self.open.is_some() && !self.document.content().is_alike(&self.saving.saved.content)
     }
 
-    /// Saves the session. Asks for the path the first time, or if the session is to be saved `elsewhere`.
+    /// Saves the session. Asks for the path the first time, if the session is to be saved `elsewhere`, or if
+    /// its file was changed by somebody else.
     pub(crate) fn save_session(&mut self, elsewhere: bool, ctx: &Context) {
+        let changed = self.give_up_changed_file();
         if let Some(file) = self.saving.saved.file.clone().filter(|_| !elsewhere) {
             self.write_session(&file, ctx.input(|i| i.time));
             return;
         }
         let Some(info) = self.info() else { return };
-        let file = free_path(&info.output_folder, &info.name, session::EXTENSION, &[]);
+        let beside = changed.as_deref().and_then(|file| file.parent().zip(file.file_stem()));
+        let (folder, name) = match beside {
+            Some((folder, name)) => (folder, name.to_string_lossy().into_owned()),
+            None => (info.output_folder.as_path(), info.name.clone()),
+        };
+        let file = free_path(folder, &name, session::EXTENSION, &[]);
         let kind = |name| PathKind::Save(name, "Sessions");
         self.ask_for(PathAsk::save("Save the session as", &file, kind), ctx);
+    }
+
+    /// Gives up the session's file if it was changed elsewhere, and says so: nothing is saved over it, and no
+    /// file holds what is decided here. Returns the file.
+    fn give_up_changed_file(&mut self) -> Option<PathBuf> {
+        if !self.saving.saved.is_changed_elsewhere() {
+            return None;
+        }
+        let Saved { file, unknown, .. } = std::mem::take(&mut self.saving.saved);
+        self.saving.saved.unknown = unknown;
+        let file = file?;
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let why = "was changed elsewhere since it was opened or saved here: save under another name.";
+        self.refuse_saving(SavedKind::Session, format!("{name} {why}"));
+        Some(file)
     }
 
     /// Writes the session file.
@@ -339,7 +361,7 @@ fn hint(ToApply { session, origin }: &ToApply) -> String {
 
 /// Says why something was not saved, and what to do.
 fn not_written(kind: SavedKind, file: &Path, error: &Error) -> String {
-    let Error::Io { source, .. } = error else { return message(error) };
+    let Error::Io { source, .. } = error else { return statement(error) };
     let (file, what) = (absolute_path(file), kind.name());
     let folder = file.parent().unwrap_or(&file).display();
     let elsewhere = format!("save the {what} in another folder");
@@ -382,6 +404,6 @@ mod tests {
         assert_eq!(said(SavedKind::Marks, cause), format!("{expected} Save the marks in another folder."));
         let other = Error::input("it is no ordinary file", "Choose another name.");
         let said = not_written(SavedKind::Session, Path::new("/sys/a"), &other);
-        assert_eq!(said, "it is no ordinary file. Choose another name.");
+        assert_eq!(said, "It is no ordinary file. Choose another name.");
     }
 }

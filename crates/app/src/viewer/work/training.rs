@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     backend::{FrameSource, TrainNews, TrainRequest, task::TaskEvent},
-    remedy::message,
+    remedy::{message, statement},
     shared::{Dialog, Shared},
     state::{reconstruction::Training, toast::SHOWN_SECS, view_mode::ViewMode},
 };
@@ -120,9 +120,8 @@ impl Shared {
         let is_shown = self.info().is_some_and(|i| training.is_about(i));
         let name = self.path_name(&training.recording);
         if !matches!(error, Error::Cancelled) {
-            let why = message(error);
-            let named = format!("{name} could not be reconstructed: {why}");
-            self.problem = Some(if is_shown { why } else { named });
+            let named = || format!("{name} could not be reconstructed: {}", message(error));
+            self.problem = Some(if is_shown { statement(error) } else { named() });
             return;
         }
         let what = match training.features {

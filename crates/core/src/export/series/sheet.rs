@@ -1,9 +1,9 @@
-//! One picture with small overlays of evenly spread frames of the export.
+//! One picture with small overlays of evenly spread frames of the export, and a legend of their colours.
 
 use super::{Series, SeriesPlan};
 use crate::{
     export::{
-        caption,
+        ExportPrompt, Provenance, caption,
         frame::{FrameContent, small_size},
         lettering, pictures, stamp,
     },
@@ -44,13 +44,46 @@ impl Sheet {
         let rows = tiles.div_ceil(columns) as u32;
         let footer = if plan.provenance.options.stamp { LINE } else { 0 };
         let width = columns as u32 * (tile.0 + GAP) + GAP;
-        let height = rows * (tile.1 + LINE) + GAP + footer;
+        let (legend, legend_rows) = legend(plan.provenance, width);
+        let below_tiles = rows * (tile.1 + LINE) + GAP;
+        let height = below_tiles + legend_rows * LINE + footer;
         let mut picture = RgbImage::new(width, height);
+        for Entry { words, colour, left, row } in &legend {
+            caption::write_entry(&mut picture, words, *colour, (*left, below_tiles + row * LINE), WORDS);
+        }
         if footer > 0 {
             lettering::write(&mut picture, stamp::WORDS, (GAP, height - LINE), WORDS);
         }
         Self { file, picture, tile, columns, shown }
     }
+}
+
+/// A prompt of the legend.
+struct Entry {
+    words: String,
+    colour: [u8; 3],
+    left: u32,
+    row: u32,
+}
+
+/// Returns the places of the prompts in a legend of `width` columns, and the number of its rows: none where
+/// no names are wanted.
+fn legend(provenance: &Provenance, width: u32) -> (Vec<Entry>, u32) {
+    let prompts = if provenance.options.captions { &provenance.prompts[..] } else { &[] };
+    let (mut left, mut row) = (GAP, 0);
+    let place = |prompt: &ExportPrompt| {
+        let words = caption::prompt_words(prompt);
+        let taken = caption::entry_px(&words, WORDS) + GAP;
+        if left > GAP && left + taken > width {
+            (left, row) = (GAP, row + 1);
+        }
+        let entry = Entry { words, colour: prompt.colour, left, row };
+        left += taken;
+        entry
+    };
+    let entries: Vec<Entry> = prompts.iter().map(place).collect();
+    let rows = entries.last().map_or(0, |last| last.row + 1);
+    (entries, rows)
 }
 
 impl Series for Sheet {

@@ -369,6 +369,29 @@ fn sheets_show_frames_side_by_side() {
     assert!(ink(sheet.height() - line..sheet.height()) > 50, "the stamp stands at the bottom");
 }
 
+#[test]
+fn sheets_say_which_colour_is_which_prompt_where_names_are_wanted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut how = provenance(&[Format::Sheet], false);
+    how.options.captions = true;
+    assert!(export(folder.path(), &how, FRAMES).complete);
+    let file = folder.path().join(super::name(Format::Sheet, &[0, 1, 2, 3]));
+    let sheet = image::open(file).unwrap().to_rgb8();
+    // Between the tiles with their words and the stamp.
+    let legend = 48..sheet.height() - 20;
+    let count = |is_so: &dyn Fn([u8; 3]) -> bool| {
+        let pixels = sheet.enumerate_pixels();
+        pixels.filter(|(_, y, pixel)| legend.contains(y) && is_so(pixel.0)).count()
+    };
+    assert!(how.prompts.iter().all(|prompt| count(&|pixel| pixel == prompt.colour) > 50));
+    assert!(count(&|pixel| pixel.iter().all(|v| *v > 180)) > 20, "the names");
+    how.prompts[1].text = "the second long instrument".into();
+    let other = tempfile::tempdir().unwrap();
+    assert!(export(other.path(), &how, FRAMES).complete);
+    let file = other.path().join(super::name(Format::Sheet, &[0, 1, 2, 3]));
+    assert_eq!(image::open(file).unwrap().height(), sheet.height() + 20, "a row of its own");
+}
+
 /// Returns names and bytes of everything in a folder except the record.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();

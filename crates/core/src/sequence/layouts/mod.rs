@@ -75,6 +75,16 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Record
     }
 }
 
+/// Returns the video of a folder that is a recording of nothing but this one.
+pub(super) fn only_video(folder: &Path) -> Option<PathBuf> {
+    let mut videos = read::list(folder, video::VIDEOS).ok()?;
+    let is_other = || READERS.iter().any(|(_, matches, _)| matches(folder).unwrap_or(true));
+    if videos.len() != 1 || is_other() || dicom::matches(folder) {
+        return None;
+    }
+    videos.pop()
+}
+
 /// Lists the frames of a folder of pictures.
 ///
 /// # Errors

@@ -128,6 +128,33 @@ fn depth_gaps_and_values_that_are_no_numbers_are_told() {
 }
 
 #[test]
+fn cameras_that_cannot_be_are_refused_and_unlikely_ones_told() {
+    let folder = tempfile::tempdir().unwrap();
+    write_pictures(folder.path(), &["0.png", "1.png"]);
+    let set = |camera: &str| {
+        std::fs::write(folder.path().join("sequence.toml"), format!("[camera]\n{camera}\n")).unwrap();
+    };
+    for wrong in ["fx = 1e30", "fx = 1e-30", "fx = 8.0\ncx = -1e9", "fov_x_degrees = 0.0001"] {
+        set(wrong);
+        let text = message(Sequence::open(folder.path()));
+        assert!(
+            text.contains("[camera] cannot be right") && text.contains("sequence.toml"),
+            "{wrong}: {text}"
+        );
+    }
+    for (strange, told) in [
+        ("fov_x_degrees = 5.0", "field of view of 5.0°"),
+        ("fx = 8.0\ncx = 9.0", "principal point at 9.0, 3.0 is outside of the pictures"),
+    ] {
+        set(strange);
+        let found = report(folder.path());
+        assert!(found.ok && any(&found.warnings, told), "{found:?}");
+    }
+    set("fx = 8.0");
+    assert!(!any(&report(folder.path()).warnings, "[camera]"));
+}
+
+#[test]
 fn mirrored_poses_and_repeated_frames_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -72,6 +72,24 @@ fn what_has_changed_is_said_with_the_frame() {
 }
 
 #[test]
+fn settings_that_were_lost_are_named_where_they_may_be_the_reason() {
+    let place = Place::new();
+    let clip = place.at("clip");
+    let required =
+        |then: &Identity| identity(&clip).require(then, &clip, "was used").unwrap_err().to_string();
+    let hint = "`[[hidden]]` in sequence.toml) were lost or changed, put them back";
+    for lost in ["[frames]\nlast = 1\n", "[[hidden]]\nx = 0\ny = 0\nwidth = 2\nheight = 2\n"] {
+        fs::write(clip.join("sequence.toml"), lost).unwrap();
+        let then = identity(&clip);
+        fs::remove_file(clip.join("sequence.toml")).unwrap();
+        assert!(required(&then).contains(hint), "{}", required(&then));
+    }
+    let then = identity(&clip);
+    fs::rename(clip.join("a_2.png"), clip.join("a_20.png")).unwrap();
+    assert!(!required(&then).contains("settings"), "{}", required(&then));
+}
+
+#[test]
 fn it_is_the_same_wherever_it_lies_and_whatever_is_beside_it() {
     let place = Place::new();
     let before = identity(&place.at("clip"));

@@ -413,6 +413,7 @@ fn pipes_are_told_at_once_wherever_a_file_is_read() {
     }
     let folder = tempfile::tempdir().unwrap();
     pipe(&folder.path().join("frame.png"));
+    assert!(message(Sequence::open(&folder.path().join("frame.png"))).contains("a pipe, socket or device"));
     let frame = r#"{"file_path":"frame.png","transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#;
     let named = folder.path().join("named");
     std::fs::create_dir(&named).unwrap();

@@ -123,9 +123,58 @@ fn settings_beside_a_video_choose_its_frames() {
     let names: Vec<_> = (0..sequence.num_frames()).map(|i| sequence.frame_name(i)).collect();
     assert_eq!(names, ["000004", "000009", "000014", "000019"]);
     assert!(psnr(&sequence.frame(1).unwrap(), &blob(9)) > 30.0);
-    // A folder with nothing but one video counts as that video, with the folder's own settings.
+    // Malformed settings are an error, for a folder of only this video too.
+    std::fs::write(folder.path().join("clip.mp4.toml"), "[frames\n").unwrap();
+    for place in [&*path, folder.path()] {
+        assert!(message(Sequence::open(place)).contains("clip.mp4.toml"));
+    }
+}
+
+#[test]
+fn a_folder_of_one_video_is_that_video_with_its_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let rectangle = HiddenRectangle { x: 2, y: 1, width: 9, height: 5 };
+    let toml = "[camera]\nfx = 50.0\n[time]\nevery = 5\n[frames]\nfirst = 4\nlast = 20\n\
+                [[hidden]]\nx = 2\ny = 1\nwidth = 9\nheight = 5\n";
+    std::fs::write(folder.path().join("clip.mp4.toml"), toml).unwrap();
+    let [alone, within] = [&*path, folder.path()].map(|path| Sequence::open(path).unwrap());
+    assert_eq!((within.num_frames(), within.camera(0).fx, within.hidden()), (4, 50.0, &[rectangle][..]));
+    assert_eq!(within.identity().unwrap().difference(&alone.identity().unwrap()), None);
+    assert_eq!(within.path(), folder.path());
+    assert_eq!(settings_files(folder.path())[0], folder.path().join("clip.mp4.toml"));
+    // Settings in the folder leave to those beside the video what belongs to it.
+    std::fs::write(folder.path().join("sequence.toml"), "[frames]\nfirst = 1\n").unwrap();
+    let both = Sequence::open(folder.path()).unwrap();
+    assert_eq!(
+        (both.num_frames(), both.frame_name(0), both.hidden()),
+        (16, "000005".to_owned(), &[rectangle][..])
+    );
+    assert_ne!(both.camera(0).fx, 50.0);
+    let notes = check(&both, &mut unobserved).unwrap().warnings.join(" ");
+    assert!(notes.contains("Of clip.mp4.toml, [frames] and [[hidden]] alone count here"), "{notes}");
+}
+
+#[test]
+fn what_settings_of_one_part_hide_is_hidden_in_all_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.mp4", "b.mp4"] {
+        write_video(&folder.path().join(name));
+    }
+    let toml = "[[hidden]]\nx = 2\ny = 1\nwidth = 9\nheight = 5\n";
+    std::fs::write(folder.path().join("a.mp4.toml"), toml).unwrap();
+    std::fs::write(folder.path().join("b.mp4.toml"), toml.replace("x = 2", "x = 20")).unwrap();
     let sequence = Sequence::open(folder.path()).unwrap();
-    assert_eq!((sequence.num_frames(), sequence.path()), (FRAMES, folder.path()));
+    let hidden = [2, 20].map(|x| HiddenRectangle { x, y: 1, width: 9, height: 5 });
+    assert_eq!(sequence.hidden(), hidden);
+    for i in [0, FRAMES] {
+        let frame = sequence.frame(i).unwrap();
+        assert!([2, 20].iter().all(|x| frame.get_pixel(*x, 1).0 == [0; 3]), "frame {i}");
+    }
+    let notes = check(&sequence, &mut unobserved).unwrap().warnings.join(" ");
+    assert!(notes.contains("What a.mp4.toml hides is black in every frame"), "{notes}");
+    assert!(!notes.contains("alone count"), "{notes}");
 }
 
 #[test]
