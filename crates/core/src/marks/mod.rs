@@ -87,8 +87,7 @@ impl Mark {
 
     /// Returns the reason why the mark cannot be on `canvas`, if there is one.
     fn problem(&self, canvas: &Canvas) -> Option<String> {
-        // Signs alone are no word that anybody could look for.
-        if !self.name.contains(char::is_alphanumeric) {
+        if !is_name(&self.name) {
             return Some("it has no name".into());
         }
         if self.frame >= canvas.num_frames {
@@ -187,6 +186,11 @@ impl Marks {
     pub fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
         self.marks.iter().filter(move |m| m.frame == frame)
     }
+}
+
+/// Returns `true` if plain words can be the name of a mark. Nobody could look for signs alone.
+pub fn is_name(words: &str) -> bool {
+    words.contains(char::is_alphanumeric)
 }
 
 /// Returns the SHA-256 over marks in a fixed order, hexadecimal.

@@ -1,7 +1,10 @@
 //! The tool that marks are made with.
 
 use crate::viewer::state::content::PromptId;
-use surgtpgs_core::{marks::Mark, sequence::plain_words};
+use surgtpgs_core::{
+    marks::{Mark, is_name},
+    sequence::plain_words,
+};
 
 /// Least and largest radius of clicks and strokes, px of the recording.
 pub(crate) const RADII_PX: [f32; 2] = [1.0, 60.0];
@@ -84,9 +87,9 @@ impl Marking {
         self.draft.as_ref().filter(|draft| draft.mark.frame == frame)
     }
 
-    /// Returns the name of the structure in plain words; empty before there is one. Signs alone are none.
+    /// Returns the name of the structure in plain words; empty before there is one.
     pub(crate) fn plain_name(&self) -> String {
         let words = plain_words(self.name.trim());
-        if words.contains(char::is_alphanumeric) { words } else { String::new() }
+        if is_name(&words) { words } else { String::new() }
     }
 }

@@ -392,9 +392,14 @@ impl Window {
     }
 
     pub(super) fn type_prompt(&mut self, text: &str) {
-        self.harness.get_by_label("Prompt").focus();
+        self.type_into("Prompt", text);
+    }
+
+    /// Gives the keyboard to the field with this label, and types.
+    pub(super) fn type_into(&mut self, label: &str, text: &str) {
+        self.harness.get_by_label(label).focus();
         self.harness.step();
-        self.harness.get_by_label("Prompt").type_text(text);
+        self.harness.get_by_label(label).type_text(text);
         self.harness.step();
     }
 

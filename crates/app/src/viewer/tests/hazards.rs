@@ -60,10 +60,7 @@ fn a_prompt_says_what_it_is_compared_with_and_is_exported_so() {
     window.harness.step();
     window.harness.step();
     window.click("texture");
-    window.harness.get_by_label("Another phrase").focus();
-    window.harness.step();
-    window.harness.get_by_label("Another phrase").type_text("smoke");
-    window.harness.step();
+    window.type_into("Another phrase", "smoke");
     window.press(Key::Enter);
     // The dialog grows by a row.
     window.harness.step();
@@ -94,10 +91,7 @@ fn a_prompt_has_exceptions_of_its_own() {
     window.add_prompt("gallbladder");
     window.add_prompt("liver");
     window.click("More about liver");
-    window.harness.get_by_label("liver but not").focus();
-    window.harness.step();
-    window.harness.get_by_label("liver but not").type_text("fat, bile");
-    window.harness.step();
+    window.type_into("liver but not", "fat, bile");
     // It acts at once, and Esc keeps it.
     window.press(Key::Escape);
     window.until_picture(|p| p.findings.len() == 2);
@@ -120,10 +114,7 @@ fn one_menu_serves_all_prompts_and_loses_no_words() {
     let with_one_menu = layers(&window);
     for (words_before, typed, other) in [("fat", " tissue", "liver"), ("liver", " lobe", "polyp")] {
         let field = format!("Words of {words_before}");
-        window.harness.get_by_label(&field).focus();
-        window.harness.step();
-        window.harness.get_by_label(&field).type_text(typed);
-        window.harness.step();
+        window.type_into(&field, typed);
         window.click(&format!("More about {other}"));
         assert!(words(&window).iter().any(|w| w.contains(typed)), "leaving a field keeps what was typed");
         assert!(window.harness.query_by_label(&format!("Words of {other}")).is_some());

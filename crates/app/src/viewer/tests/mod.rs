@@ -189,12 +189,7 @@ fn a_prompt_that_fails_says_why_and_leaves_the_others_alone() {
 
 #[test]
 fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
-    let (permit, gate) = mpsc::channel();
-    let mut window = Window::gated(scene(), Some(gate));
-    window.until(|app| app.picture().is_some());
-    window.harness.state_mut().shared.document.mode = ViewMode::Reconstruction;
-    window.until_picture(|p| p.reconstruction.is_some());
-    window.add_prompt("gallbladder");
+    let (permit, mut window) = over_time::stuck();
     assert!(window.shows(ENCODING));
     window.press(Key::ArrowRight);
     window.press(Key::ArrowRight);

@@ -193,7 +193,7 @@ fn what_stops_or_marks_a_frame_goes_by_the_picture_that_is_seen() {
 }
 
 /// Opens a window whose first picture stays: the next one is not finished as long as the sender is kept.
-fn stuck() -> (mpsc::Sender<()>, Window) {
+pub(super) fn stuck() -> (mpsc::Sender<()>, Window) {
     let (permit, gate) = mpsc::channel();
     let mut window = Window::gated(scene(), Some(gate));
     window.until(|app| app.picture().is_some());
@@ -384,10 +384,7 @@ fn phases_are_named_kept_with_the_session_and_read_back() {
     window.harness.step();
     window.press_with(Modifiers::SHIFT, Key::P);
     window.harness.step();
-    window.harness.get_by_label("Name of the phase").focus();
-    window.harness.step();
-    window.harness.get_by_label("Name of the phase").type_text("Preparation");
-    window.harness.step();
+    window.type_into("Name of the phase", "Preparation");
     window.click("Add");
     let phases = |window: &Window| -> Vec<(String, usize, usize)> {
         let phases = window.harness.state().shared.document.phases();

@@ -145,10 +145,7 @@ fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
     assert!(window.shows("16.0 px  ·  25 ± 1 scene units"));
     assert!(window.shows("scene units  ·  frame 1"));
     assert!(!window.shows(" mm"));
-    window.harness.get_by_label("Known length in millimetres").focus();
-    window.harness.step();
-    window.harness.get_by_label("Known length in millimetres").type_text("50");
-    window.harness.step();
+    window.type_into("Known length in millimetres", "50");
     window.click("Set the scale");
     assert!(window.shows("50 ± 3 mm"), "{:?}", window.harness.state().shared.document.content().scale);
     assert!(window.shows("Scale from a known length of 50 mm on frame 1"));
@@ -218,10 +215,7 @@ fn a_typed_scale_gives_millimetres_in_the_picture_and_says_so() {
     window.harness.step();
     drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
     assert!(!window.shows(" mm"));
-    window.harness.get_by_label("Pixels in a millimetre").focus();
-    window.harness.step();
-    window.harness.get_by_label("Pixels in a millimetre").type_text("4");
-    window.harness.step();
+    window.type_into("Pixels in a millimetre", "4");
     window.click("Set");
     assert!(window.shows("16.0 px  ·  4.0 mm if all is equally far away"));
     assert!(

@@ -498,10 +498,7 @@ fn bookmarks_are_set_walked_and_described() {
     assert_eq!(window.frame(), 20);
     window.press_with(Modifiers::SHIFT, Key::M);
     window.harness.step();
-    window.harness.get_by_label("Note on frame 21").focus();
-    window.harness.step();
-    window.harness.get_by_label("Note on frame 21").type_text("clip applied");
-    window.harness.step();
+    window.type_into("Note on frame 21", "clip applied");
     window.click("Flag frame 21");
     let bookmark = window.harness.state().shared.document.bookmarks()[1].clone();
     assert_eq!((bookmark.note.as_str(), bookmark.is_flagged), ("clip applied", true));
@@ -517,10 +514,7 @@ fn a_prompt_gets_other_words_another_colour_and_another_place() {
     window.click("More about liver");
     window.click("Move up");
     window.click("Colour 5 for liver");
-    window.harness.get_by_label("Words of liver").focus();
-    window.harness.step();
-    window.harness.get_by_label("Words of liver").type_text(" lobe");
-    window.harness.step();
+    window.type_into("Words of liver", " lobe");
     window.press(Key::Enter);
     let first = window.harness.state().shared.document.prompts()[0].clone();
     assert!(first.text.contains("lobe") && first.text.contains("liver"), "{}", first.text);
@@ -533,10 +527,7 @@ fn words_that_another_prompt_has_are_refused_and_the_window_says_so() {
     window.add_prompt("pa");
     window.add_prompt("papa");
     window.click("More about pa");
-    window.harness.get_by_label("Words of pa").focus();
-    window.harness.step();
-    window.harness.get_by_label("Words of pa").type_text("pa");
-    window.harness.step();
+    window.type_into("Words of pa", "pa");
     window.press(Key::Enter);
     window.until_shown("There is a prompt \"papa\" already");
     assert_eq!(window.harness.state().shared.document.prompts()[0].text, "pa");

@@ -122,15 +122,21 @@ fn cut(whole: &Path, to: &Path) {
     std::fs::write(to, bytes).unwrap();
 }
 
+/// Makes a video in `folder`, and another one that is [`cut`] from it.
+fn whole_and_cut(folder: &Path) -> [PathBuf; 2] {
+    let [whole, part] = ["whole.mp4", "cut.mp4"].map(|name| folder.join(name));
+    assert!(make(&whole, "-c:v mpeg4 -g 40"));
+    cut(&whole, &part);
+    [whole, part]
+}
+
 #[test]
 fn what_an_edit_list_hides_does_not_come() {
     if !is_ffmpeg_there() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let [whole, part] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
-    assert!(make(&whole, "-c:v mpeg4 -g 40"));
-    cut(&whole, &part);
+    let [whole, part] = whole_and_cut(folder.path());
     let whole = opened(&whole, true, &Selection::ALL);
     let following =
         |promised: usize| Unread { promised: Some(promised), follows_edits: true, ..unread(&part) };
@@ -155,9 +161,7 @@ fn an_edit_list_that_is_not_known_hides_nothing() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let [whole, part] = ["whole.mp4", "cut.mp4"].map(|name| folder.path().join(name));
-    assert!(make(&whole, "-c:v mpeg4 -g 40"));
-    cut(&whole, &part);
+    let [whole, part] = whole_and_cut(folder.path());
     // Without its first box, ffmpeg alone reads the file.
     let mut bytes = std::fs::read(&part).unwrap();
     bytes[4..8].copy_from_slice(b"free");
