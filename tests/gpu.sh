@@ -5,11 +5,13 @@
 #   bash tests/gpu.sh [--short] [FOLDER]    writes FOLDER/gpu.md (target/gpu without one)
 #   bash tests/gpu.sh --pack FOLDER         copies the programs into FOLDER for another machine, small
 #
-# Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, or the
-# newest that lie in the target folder (cargo build --release; cargo test --release --no-run --test passes
-# --package surgtpgs-render). Recordings are looked for in the folder that SURGTPGS_DATA names.
+# Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, as they
+# were built or packed, or the newest that lie in the target folder (cargo build --release; cargo test
+# --release --no-run --test passes --package surgtpgs-render). They are read and run, and stay as they are.
+# Recordings are looked for in the folder that SURGTPGS_DATA names.
 #
-# The code is 0 if everything agrees, 1 if something failed, 3 if there is no adapter or no program.
+# The code is 0 if everything agrees or was packed, 1 if something failed, 2 if the command line is wrong,
+# 3 if there is no adapter or no program; with 2, and without a program, nothing is made.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 target=$(realpath --canonicalize-missing "${CARGO_TARGET_DIR:-$root/target}")
@@ -33,71 +35,101 @@ program=${SURGTPGS_BIN:-$(newest "$target"/{release,debug}/surgtpgs)}
 passes=${SURGTPGS_PASSES:-$(newest "$target"/{release,debug}/deps/passes-*)}
 data=${SURGTPGS_DATA:-}
 
-short=
-pack=
-folder=$target/gpu
-while (($#)); do
-  case $1 in
-    --short) short=yes ;;
-    --pack) pack=yes ;;
-    -*) say "usage: bash tests/gpu.sh [--short] [FOLDER] | --pack FOLDER"; exit 2 ;;
-    *) folder=$1 ;;
-  esac
-  shift
-done
-
+usage="usage: bash tests/gpu.sh [--short] [FOLDER] | --pack FOLDER"
+wrong() {
+  say "error: $1"
+  exit 2
+}
 missing() {
   say "error: there is no $1: $2"
   exit 3
 }
-[[ -f $program ]] || missing "program" "build it (cargo build --release), or name it in SURGTPGS_BIN"
 
-mkdir -p "$folder"
-folder=$(cd "$folder" && pwd)
+short=
+pack=
+folder=
+while (($#)); do
+  case $1 in
+    --short) short=yes ;;
+    --pack) pack=yes ;;
+    -h | --help) printf '%s\n' "$usage"; exit 0 ;;
+    -* | "") wrong "there is no option \"$1\"; $usage" ;;
+    *)
+      if [[ $folder ]]; then wrong "one folder is enough; $usage"; fi
+      folder=$1
+      ;;
+  esac
+  shift
+done
+if [[ $pack && ( -z $folder || $short ) ]]; then wrong "--pack takes a folder, and nothing else; $usage"; fi
+folder=${folder:-$target/gpu}
+if [[ -e $folder && ! -d $folder ]]; then wrong "this is a file, not a folder: $folder"; fi
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 
-# Prints the place of a program, which is unpacked first if it was packed.
-unpacked() {
-  local to
-  case $1 in
-    *.xz | *.gz)
-      to=$scratch/$(basename "${1%.*}")
-      case $1 in
-        *.gz) gzip -dc "$1" > "$to" ;;
-        *) xz -dc "$1" > "$to" 2> /dev/null || python3 -c '
-import lzma, shutil, sys
-shutil.copyfileobj(lzma.open(sys.argv[1]), sys.stdout.buffer)' "$1" > "$to" ;;
-      esac
-      chmod +x "$to"
-      printf '%s' "$to"
-      ;;
-    *)
-      # Copies from elsewhere may have lost the right to be run.
-      if [[ ! -x $1 ]]; then chmod +x "$1"; fi
-      printf '%s' "$1"
-      ;;
+# Tells if a file can be run and is a program by its first bytes: ELF, Mach-O or, on Windows, PE.
+is_program() {
+  if [[ ! -f $1 || ! -x $1 ]]; then return 1; fi
+  case $(head -c 4 "$1" 2> /dev/null | od -An -tx1 | tr -d ' \n') in
+    7f454c46 | feedfac[ef] | c[ef]faedfe | cafebabe | 4d5a*) return 0 ;;
+    *) return 1 ;;
   esac
 }
-program=$(unpacked "$program")
-if [[ -f $passes ]]; then passes=$(unpacked "$passes"); fi
+
+# Writes the content of a packed file to standard output.
+unpack() {
+  if [[ $1 == *.gz ]]; then
+    gzip -dc "$1"
+  elif command -v xz > /dev/null; then
+    xz -dc "$1"
+  else
+    python3 -c '
+import lzma, shutil, sys
+shutil.copyfileobj(lzma.open(sys.argv[1]), sys.stdout.buffer)' "$1"
+  fi
+}
+
+# Prints the place of a program, which is unpacked first if it was packed. Anything else is refused.
+runnable() {
+  local file=$1
+  if [[ $1 == *.xz || $1 == *.gz ]]; then
+    file=$(mktemp "$scratch/XXXXXX")
+    unpack "$1" > "$file" 2> /dev/null || missing "program in $1" "it cannot be unpacked"
+    chmod +x "$file"
+  fi
+  is_program "$file" || missing "program in $1" "it may not be run, or is not an ELF or Mach-O file"
+  realpath "$file"
+}
+[[ -f $program ]] || missing "program" "build it (cargo build --release), or name it in SURGTPGS_BIN"
+program=$(runnable "$program")
+if [[ -f $passes ]]; then passes=$(runnable "$passes"); fi
+
+make_folder() {
+  mkdir -p "$folder" 2> /dev/null || wrong "the folder cannot be made: $folder"
+  folder=$(cd "$folder" && pwd)
+}
 
 if [[ $pack ]]; then
-  [[ -x $passes ]] || missing "test program" \
+  [[ -f $passes ]] || missing "test program" \
     "build it (cargo test --release --no-run --package surgtpgs-render), or name it in SURGTPGS_PASSES"
+  packed=$scratch/packed
+  mkdir "$packed"
   end=gz
   if command -v xz > /dev/null; then end=xz; fi
   for file in "$program:surgtpgs" "$passes:passes"; do
-    to=$folder/${file##*:}
-    strip --strip-all -o "$to" "${file%:*}"
-    if [[ $end == xz ]]; then xz --threads=0 --force "$to"; else gzip --best --force "$to"; fi
+    to=$packed/${file##*:}
+    strip --strip-all -o "$to" "${file%:*}" || missing "program in ${file%:*}" "its symbols cannot be taken away"
+    if [[ $end == xz ]]; then xz --threads=0 "$to"; else gzip --best "$to"; fi
   done
+  make_folder
+  cp "$packed"/* "$folder"
   ls -l "$folder"/{surgtpgs,passes}."$end" >&2
   say "run there: SURGTPGS_BIN=$folder/surgtpgs.$end SURGTPGS_PASSES=$folder/passes.$end bash tests/gpu.sh"
   exit 0
 fi
 
+make_folder
 page=$folder/gpu.md
 started=$SECONDS
 : > "$folder/problems"

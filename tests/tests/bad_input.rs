@@ -211,6 +211,19 @@ fn another_recording_is_not_the_scenes() {
 }
 
 #[test]
+fn a_recording_that_is_not_there_is_said_to_be_missing() {
+    for args in [
+        &["query", "scene.safetensors", "--prompt", "liver", "--sequence", "gone"][..],
+        &["export", "scene.safetensors", "--prompt", "liver", "-o", "never", "--sequence", "gone"],
+        &["eval", "scene.safetensors", "gone"],
+    ] {
+        let run = flow().run(args);
+        let message = run.refused(1);
+        assert!(message.contains("there is no such recording") && message.contains("gone"), "{message}");
+    }
+}
+
+#[test]
 fn a_recording_without_labels_cannot_be_prepared_from_labels() {
     let folder = pictures(5);
     let run = run_in(folder.path(), &["prepare", ".", "-o", "../never-written", "--labels"]);

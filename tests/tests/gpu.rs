@@ -32,6 +32,92 @@ fn judge(folder: &Path, change: impl FnOnce(&mut Command)) -> (Run, String) {
     (run, page)
 }
 
+/// Runs the script with these arguments in `folder`, with one file of it for both programs.
+fn script(folder: &Path, program: &str, args: &[&str]) -> Run {
+    let mut command = Command::new("bash");
+    command.arg(workspace().join("tests/gpu.sh")).args(args).current_dir(folder);
+    command.env("SURGTPGS_BIN", program).env("SURGTPGS_PASSES", program);
+    Run::from(command.env("CARGO_TARGET_DIR", folder.join("target")).output().unwrap())
+}
+
+/// Returns the names in a folder, sorted, with the content and the permissions of its files.
+fn listing(folder: &Path) -> Vec<(PathBuf, Vec<u8>, fs::Permissions)> {
+    let entry = |path: PathBuf| {
+        let permissions = path.metadata().unwrap().permissions();
+        (path.clone(), fs::read(&path).unwrap_or_default(), permissions)
+    };
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    paths.sort();
+    paths.into_iter().map(entry).collect()
+}
+
+#[test]
+fn a_wrong_command_line_of_the_script_makes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "no program").unwrap();
+    let before = listing(folder.path());
+    for args in [
+        &["--pack"][..],
+        &["one", "two"],
+        &["--pack", "one", "two"],
+        &["--short", "--pack", "one"],
+        &["--fast"],
+        &[""],
+        &["file"],
+        &["--pack", "file"],
+    ] {
+        let run = script(folder.path(), "file", args);
+        run.refused(2);
+        assert_eq!(run.stderr.lines().count(), 1, "{args:?}: {}", run.stderr);
+    }
+    let help = script(folder.path(), "file", &["--help"]).ok();
+    assert!(help.stdout.starts_with("usage: ") && help.stderr.is_empty(), "{help:?}");
+    assert_eq!(listing(folder.path()), before);
+}
+
+#[test]
+#[cfg(unix)]
+fn what_is_no_program_is_refused_and_stays_as_it_was() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let files: [(&str, &[u8], u32); 5] = [
+        ("notes", b"#!/bin/sh", 0o644),
+        ("script", b"#!/bin/sh", 0o755),
+        ("lost-its-right", b"\x7fELF", 0o644),
+        ("damaged", b"\x7fELF", 0o755),
+        ("damaged.xz", b"no archive", 0o644),
+    ];
+    for (name, content, mode) in files {
+        let path = folder.path().join(name);
+        fs::write(&path, content).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+    }
+    let before = listing(folder.path());
+    for (name, ..) in files {
+        let run = script(folder.path(), name, &["--pack", "packed"]);
+        assert!(run.refused(3).contains(name), "{}", run.stderr);
+    }
+    script(folder.path(), "notes", &["judged"]).refused(3);
+    assert_eq!(listing(folder.path()), before);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn packed_programs_are_copies() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy("/bin/true", folder.path().join("program")).unwrap();
+    let before = listing(folder.path());
+    let said = script(folder.path(), "program", &["--pack", "packed"]).ok().stderr;
+    assert_eq!(listing(folder.path())[1..], before, "{said}");
+    let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string().unwrap();
+    let names: Vec<String> = fs::read_dir(folder.path().join("packed")).unwrap().map(name).collect();
+    let packed: Vec<String> = names.iter().map(|name| format!("packed/{name}")).collect();
+    assert!(packed.len() == 2 && packed.iter().all(|path| said.contains(path)), "{packed:?}: {said}");
+    // What was packed can be packed again.
+    let again = packed.iter().find(|path| path.contains("surgtpgs.")).unwrap();
+    script(folder.path(), again, &["--pack", "again"]).ok();
+}
+
 #[test]
 fn one_command_judges_the_adapter_on_one_page() {
     let folder = tempfile::tempdir().unwrap();

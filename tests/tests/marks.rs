@@ -58,6 +58,33 @@ fn marks_of_one_frame_are_found_on_all_and_scored() {
 }
 
 #[test]
+fn classes_that_nobody_marked_are_named_beside_their_scores() {
+    let liver: Value =
+        masks().as_array().unwrap().iter().filter(|mark| mark["name"] == "liver").cloned().collect();
+    let (scene, marks) = (bare(), file("liver-alone.json", &liver));
+    let run = flow().run(&["eval", scene, "recording", "--marks", &marks, "--json"]).ok();
+    let report = run.json();
+    let unmarked: Vec<&str> = report["classes_without_masks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|name| name.as_str().unwrap())
+        .collect();
+    assert!(unmarked.contains(&"gallbladder") && !unmarked.contains(&"liver"), "{report}");
+    assert!(run.stderr.contains(&format!("note: no marks of {}: ", unmarked.join(", "))), "{}", run.stderr);
+}
+
+#[test]
+fn with_marks_held_out_frames_alone_are_measured() {
+    let marks = file("held-out-marks.json", masks());
+    let line = ["eval", "scene.safetensors", "recording", "--marks", &marks];
+    let report = flow().run(&[&line[..], &["--json"]].concat()).ok().json();
+    assert_eq!((&report["frames"], &report["held_out"]), (&json!(2), &json!(true)), "{report}");
+    assert_eq!(report["classes_without_masks"], json!([]), "the scene knows its classes by itself");
+    assert!(flow().run(&line).ok().stdout.starts_with("2 held-out frames"));
+}
+
+#[test]
 fn words_find_what_was_marked_and_nothing_else() {
     let (scene, marks) = (bare(), file("query-marks.json", masks()));
     let line = ["query", scene, "--marks", &marks, "--prompt", "liver", "hepar", "spaceship", "--json"];
@@ -121,9 +148,14 @@ fn a_recording_is_prepared_from_marks_alone() {
     flow().run(&["prepare", "recording", "-o", "prepared-marks", "--marks", &marks]).ok();
     let train = ["train", "prepared-marks", "-o", "by-marks.safetensors", "--iterations", "200"];
     flow().run(&train).ok();
-    let report = flow().run(&["query", "by-marks.safetensors", "--prompt", "liver", "--json"]).ok().json();
+    let ask = ["query", "by-marks.safetensors", "--prompt", "liver", "spaceship"];
+    let report = flow().run(&[&ask[..], &["--json"]].concat()).ok().json();
     let found = report["prompts"][0]["frames"].as_array().unwrap().iter().filter(|f| f["found"] == true);
     assert_eq!(found.count(), Flow::FRAMES, "{report}");
+    let needs_mark = [0, 1].map(|k| report["prompts"][k]["needs_mark"] == true);
+    assert_eq!(needs_mark, [false, true], "what was marked is no list of all that there is: {report}");
+    let text = flow().run(&ask).ok().stdout;
+    assert!(text.contains("cannot be looked for: mark it by hand"), "{text}");
 }
 
 #[test]

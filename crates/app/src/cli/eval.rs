@@ -31,7 +31,7 @@ pub(super) struct EvalArgs {
     /// mask at all is not looked at
     #[arg(long, value_name = "DIR", conflicts_with = "marks")]
     masks: Option<PathBuf>,
-    /// Marks by hand; then every frame without a mark is looked at
+    /// Marks by hand; then frames with a mark are not looked at
     #[command(flatten)]
     marks: MarkArgs,
     /// Also write tables, the report with every frame and class, and pictures of errors into this folder
@@ -123,7 +123,8 @@ impl EvalArgs {
         let inputs = engine.inputs(scene).with("the recording", sequence);
         let output = self.claim(&inputs)?;
         let evaluation = evaluate(&mut engine, self.extras(), observer)?;
-        Ok(Evaluated { evaluation, output, notes: Vec::new() })
+        let missing = without("marks", &evaluation.report.classes_without_masks);
+        Ok(Evaluated { evaluation, output, notes: missing.into_iter().collect() })
     }
 
     fn evaluate_masks(&self, folder: &Path, path: &Path, observer: &mut Observer<'_>) -> Result<Evaluated> {
@@ -134,7 +135,7 @@ impl EvalArgs {
         let mut masks = PredictedMasks::open(folder, sequence)?;
         let output = self.claim(&inputs)?;
         let evaluation = evaluate_masks(&mut masks, sequence, observer)?;
-        let missing = without_masks(&evaluation.report.classes_without_masks);
+        let missing = without("masks", &evaluation.report.classes_without_masks);
         Ok(Evaluated { evaluation, output, notes: masks.notes().into_iter().chain(missing).collect() })
     }
 
@@ -145,11 +146,11 @@ impl EvalArgs {
     }
 }
 
-/// Names the classes without any mask; `None` if there is none.
-fn without_masks(classes: &[String]) -> Option<String> {
+/// Names the classes without any masks, or marks, as `what` says; `None` if there is none.
+fn without(what: &str, classes: &[String]) -> Option<String> {
     let counts = if classes.len() == 1 { "it counts" } else { "they count" };
     let names = classes.join(", ");
-    (!classes.is_empty()).then(|| format!("no masks of {names}: {counts} as not found"))
+    (!classes.is_empty()).then(|| format!("no {what} of {names}: {counts} as not found"))
 }
 
 fn usage(what: &str) -> Result<Exit> {
@@ -162,10 +163,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn classes_without_masks_are_named() {
-        let note = |names: &[&str]| without_masks(&names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>());
-        assert_eq!(note(&[]), None);
-        assert_eq!(note(&["fat"]).unwrap(), "no masks of fat: it counts as not found");
-        assert_eq!(note(&["liver", "fat"]).unwrap(), "no masks of liver, fat: they count as not found");
+    fn classes_without_masks_or_marks_are_named() {
+        let note = |what: &str, names: &[&str]| {
+            without(what, &names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>())
+        };
+        assert_eq!(note("masks", &[]), None);
+        assert_eq!(note("masks", &["fat"]).unwrap(), "no masks of fat: it counts as not found");
+        let both = note("marks", &["liver", "fat"]).unwrap();
+        assert_eq!(both, "no marks of liver, fat: they count as not found");
     }
 }

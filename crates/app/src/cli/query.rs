@@ -7,7 +7,7 @@ use super::{
     objects,
     verb::{Exit, Run},
 };
-use crate::outputs;
+use crate::{outputs, text::visible};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::Result;
@@ -141,9 +141,9 @@ fn cell(number: Option<impl ToString>) -> String {
     number.map_or(String::new(), |number| number.to_string())
 }
 
-/// Returns a CSV field in quotes.
+/// Returns a CSV field in quotes, with invisible characters escaped as in the report as text.
 fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('"', "\"\""))
+    format!("\"{}\"", visible(text).replace('"', "\"\""))
 }
 
 #[cfg(test)]
@@ -164,5 +164,10 @@ mod tests {
         assert_eq!(column("answer"), ["found", "absent", "absent"], "{table}");
         assert_eq!(column("not_understood"), ["false", "false", "true"], "{table}");
         assert_eq!(column("needs_mark"), ["false"; 3], "{table}");
+    }
+
+    #[test]
+    fn the_table_holds_nothing_that_a_terminal_obeys() {
+        assert_eq!(quoted("li\u{1b}[31mver \u{202e}\"x\""), r#""li\u{1b}[31mver \u{202e}""x""""#);
     }
 }

@@ -143,11 +143,13 @@ impl Asking {
         }
     }
 
-    /// Sets the questions, see [`super::Engine::set_questions`].
+    /// Sets the questions, see [`super::Engine::set_questions`]. `has_marks` says that there are marks, even if
+    /// they show nothing: then questions have an answer without features, too.
     pub(super) fn set(
         &mut self,
         scene: &Scene,
         settings: &RelevancySettings,
+        has_marks: bool,
         questions: &[Question],
     ) -> Result<()> {
         if questions.is_empty() {
@@ -159,7 +161,7 @@ impl Asking {
         if questions.iter().any(|q| q.text.trim().is_empty()) {
             return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
         }
-        if scene.codec.is_none() && self.known.is_empty() {
+        if scene.codec.is_none() && self.known.is_empty() && !has_marks {
             return Err(no_features(scene));
         }
         self.encode(scene, questions)?;
@@ -210,6 +212,9 @@ impl Asking {
                 let nearest = nearest_class(scene, &embedding).into_iter().collect();
                 (query.among(&self.classes, nearest), Answer::compared("like a point of the picture"))
             }
+            None if scene.codec.is_none() && self.known.is_empty() => {
+                (query, Answer::new(&Meaning::unknown(), &self.known, true))
+            }
             None if !scene.classes.is_empty() || scene.codec.is_none() => {
                 return self.among_classes(scene, settings, question, query, &embedding);
             }
@@ -239,7 +244,8 @@ impl Asking {
         embedding: &[f32],
     ) -> Result<Understood> {
         let meaning = self.meaning(scene, settings, question.text.trim(), embedding)?;
-        let answer = Answer::new(&meaning, &self.known, scene.codec.is_none());
+        let are_marked = scene.codec.is_none() || scene.words.from_marks;
+        let answer = Answer::new(&meaning, &self.known, are_marked);
         let (meant, certainty) = match (&answer.nearest, meaning.nearest) {
             (Some(_), Some(nearest)) if question.shows_nearest => (vec![nearest], 1.0),
             _ => (meaning.classes, meaning.probability),

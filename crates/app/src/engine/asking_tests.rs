@@ -185,6 +185,22 @@ fn words_that_nobody_understands_are_not_said_to_be_absent() {
 }
 
 #[test]
+fn a_scene_from_marks_does_not_say_that_what_nobody_marked_is_absent() {
+    let mut scene = Scene::clone(engine(&["abdominal wall", "fat"], &[]).scene());
+    scene.words.from_marks = true;
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
+    for words in ["liver", "spaceship", "Leber"] {
+        let (answer, mask) = ask(&mut engine, words);
+        assert!(answer.needs_mark && !answer.not_understood && mask.count() == 0, "{words}: {answer:?}");
+        assert_eq!(answer.absence(), "cannot be looked for: mark it by hand", "{words}");
+    }
+    let (answer, mask) = ask(&mut engine, "abdominal wall");
+    assert!(!answer.needs_mark && answer.may_be_found(0.5) && mask.count() > 20, "{answer:?}");
+    assert!(!ask(&mut engine, "not liver").0.needs_mark, "no mark would help");
+}
+
+#[test]
 fn what_another_encoder_judges_is_an_answer() {
     let meaning = |reason| Meaning { classes: Vec::new(), probability: 0.1, nearest: None, reason };
     let answer = |reason, are_marked| Answer::new(&meaning(reason), &[], are_marked);

@@ -52,14 +52,15 @@ impl Engine {
     }
 
     /// Takes marks in place of earlier ones. From now on prompts find what was marked, and marks of the scene's
-    /// own classes, by whatever name, correct them. If there are other names than before, the prompts are
+    /// own classes, by whatever name, correct them. A new name has to be shown by some mark: where marks only
+    /// say what it is not, it cannot be looked for. If there are other names than before, the prompts are
     /// forgotten.
     ///
     /// Marks are carried to the Gaussians when the first prompt is asked, in each chapter of a long scene anew.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
         let marks = marks.renamed(Asking::class_names(&self.scene, &self.settings));
-        let names = marks.names();
-        if names != self.marks().map(Marks::names).unwrap_or_default() {
+        let names = marks.shown_names();
+        if names != self.marks().map(Marks::shown_names).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
         if marks.is_empty() {

@@ -473,10 +473,10 @@ impl Engine {
     /// Sets the questions to look for: asks what their words mean in the scene, and lets each compete with
     /// its own negatives. Words that were encoded before are not encoded again.
     ///
-    /// Refuses empty words, a scene without features, and a text encoder other than the one the
+    /// Refuses empty words, a scene without features and marks, and a text encoder other than the one the
     /// scene was prepared with.
     pub fn set_questions(&mut self, questions: &[Question]) -> Result<()> {
-        self.asking.set(&self.scene, &self.settings, questions)
+        self.asking.set(&self.scene, &self.settings, self.chapter_marks.is_some(), questions)
     }
 
     /// Takes a sample at a pixel of a view; `None` where nothing was reconstructed.

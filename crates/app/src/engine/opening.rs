@@ -62,6 +62,9 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
 /// Opens a recording and makes sure that it fits the scene.
 pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
     const GIVE: &str = "Give the recording that the scene was trained on.";
+    if !path.exists() {
+        return Err(Error::input_at(path, "there is no such recording", GIVE));
+    }
     let then = scene.provenance.identity.as_ref();
     let sequence = if Prepared::is_prepared(path) {
         Prepared::open(path)?.sequence

@@ -43,6 +43,21 @@ fn marks_outside_of_the_field_of_view_are_named() {
     assert!(notes[0].starts_with("marks[0] (\"duct\" on frame 0) lies outside"), "{notes:?}");
 }
 
+#[test]
+fn a_name_that_marks_only_deny_cannot_be_looked_for() {
+    use surgtpgs_core::marks::{Mark, Marks, Shape};
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(surgtpgs_core::stress::ordinary(3)), None, options).unwrap();
+    let canvas = engine.canvas();
+    for (add, needs_mark) in [(true, false), (false, true)] {
+        let shape = Shape::Click { point_px: [6.0, 6.0], radius_px: 2.0 };
+        let marks = Marks::new(vec![Mark::new(0, "duct", add, shape)], &canvas).unwrap();
+        engine.set_marks(marks).unwrap();
+        engine.set_prompts(&["duct".to_owned()]).unwrap();
+        assert_eq!(engine.answers()[0].needs_mark, needs_mark, "{:?}", engine.answers());
+    }
+}
+
 /// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
 fn asked_engine(backend: BackendChoice) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};

@@ -95,8 +95,8 @@ pub(crate) struct Extras<'a> {
     pub(crate) left_out: &'a [(usize, usize)],
 }
 
-/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With
-/// marks it is every frame without one. Without labels, or features or marks, there are no masks to measure.
+/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out; with
+/// marks, those of them without one. Without labels, or features or marks, there are no masks to measure.
 ///
 /// # Errors
 /// No recording, frames that cannot be read, or [`Error::Cancelled`].
@@ -113,20 +113,24 @@ pub(crate) fn evaluate(
     engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
     let shown = shown_frames(engine.scene(), sequence.num_frames(), extras.left_out);
-    let frames = frames_to_measure(engine, &shown);
+    let marked = engine.marks().map(Marks::frames).unwrap_or_default();
+    let frames = frames_to_measure(&shown, held_out, &marked);
     if frames.is_empty() {
-        let what = "there is no frame to measure: all are marked or left out, or too few to hold one out";
+        let what = "there is no frame to measure: all that count are marked or left out, or too few to hold \
+                    one out";
         return Err(Error::input(what, "Evaluate a longer recording, or with marks on some frames only."));
     }
-    let all_held_out = held_out && frames.iter().all(|&i| Sequence::is_test_frame(i));
-    let seen = if all_held_out { training_frames(&shown) } else { Vec::new() };
+    let seen = if held_out { training_frames(&shown) } else { Vec::new() };
     let total = frames.len() + seen.len();
     let mut classes = asked_classes(engine, &sequence)?;
+    let classes_without_masks = classes_without_marks(engine, &classes);
+    let labels_known_on = knows_marks_alone(engine).then_some(marked);
     let (mut rows, mut times) = (Vec::new(), Times::default());
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
-        let neighbours = Neighbours::of(frame, &shown, &engine.scene().shot_of(frame), held_out);
+        let shot = engine.scene().shot_of(frame);
+        let neighbours = Neighbours::of(frame, &shown, &shot, held_out);
         let mut measured = row(&images, &sequence, neighbours, lpips.as_mut())?;
         measured.repeats = held_out && neighbours.repeats(engine.scene());
         let started = Instant::now();
@@ -141,7 +145,7 @@ pub(crate) fn evaluate(
         }
         rows.push(measured);
         classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
-        if let Some(from) = neighbours.nearest() {
+        if let Some(from) = neighbours.copied(labels_known_on.as_deref(), &shot) {
             classes.add_copy(&sequence, frame, from)?;
         }
         observe(observer, done + 1, total)?;
@@ -158,13 +162,14 @@ pub(crate) fn evaluate(
     let report = EvalReport {
         gaussians: Some(scene.num_gaussians()?),
         frames_not_shown: scene.frames_not_shown(),
+        classes_without_masks,
         train_psnr_db: mean(train_psnr_db.into_iter()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
         training: Some(Training { steps: scene.provenance.steps }),
         renderer: Some(engine.renderer_name()),
         relevancy: Some(engine.relevancy_name()),
-        ..EvalReport::of(&rows, all_held_out, &classes)
+        ..EvalReport::of(&rows, held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
 }
@@ -179,15 +184,22 @@ fn shown_frames(scene: &Scene, num_frames: usize, left_out: &[(usize, usize)]) -
     (0..num_frames).filter(|i| !is_excluded(i) && scene.shows_frame(*i)).collect()
 }
 
-/// Returns of the shown frames those without a mark if there are marks, else those held out, or all.
-fn frames_to_measure(engine: &Engine, shown: &[usize]) -> Vec<usize> {
-    let held_out = engine.scene().provenance.held_out;
-    let marked = engine.marks().map(Marks::frames);
-    let counts = |i: &usize| match &marked {
-        Some(marked) => !marked.contains(i),
-        None => !held_out || Sequence::is_test_frame(*i),
-    };
+/// Returns of the shown frames without a mark those held out, or all if none was held out.
+fn frames_to_measure(shown: &[usize], held_out: bool, marked: &[usize]) -> Vec<usize> {
+    let counts = |i: &usize| !marked.contains(i) && (!held_out || Sequence::is_test_frame(*i));
     shown.iter().copied().filter(counts).collect()
+}
+
+/// Returns `true` if there are marks, and the scene learned the labels of no other frames.
+fn knows_marks_alone(engine: &Engine) -> bool {
+    let scene = engine.scene();
+    engine.marks().is_some() && (scene.classes.is_empty() || scene.words.from_marks)
+}
+
+/// Names the classes that nobody marked, where only what is marked can be found.
+fn classes_without_marks(engine: &Engine, classes: &Classes) -> Vec<String> {
+    let needs_mark = |k: usize| engine.answers().get(k).is_some_and(|answer| answer.needs_mark);
+    classes.asked().filter(|(k, _)| needs_mark(*k)).map(|(_, class)| class.name.clone()).collect()
 }
 
 /// Returns at most [`MOST_TRAIN_FRAMES`] of the shown frames that are not held out, evenly spread.
@@ -335,5 +347,13 @@ mod tests {
         assert_eq!(training_frames(&shown), [0, 2, 6, 7, 8], "1 and 9 are held out");
         let long: Vec<usize> = (0..1000).collect();
         assert!(training_frames(&long).len() <= MOST_TRAIN_FRAMES);
+    }
+
+    #[test]
+    fn with_marks_held_out_frames_count_alone_if_there_are_some() {
+        let shown: Vec<usize> = (0..20).collect();
+        assert_eq!(frames_to_measure(&shown, true, &[]), [1, 9, 17]);
+        assert_eq!(frames_to_measure(&shown, true, &[4, 9]), [1, 17]);
+        assert_eq!(frames_to_measure(&shown[..5], false, &[1, 3]), [0, 2, 4]);
     }
 }

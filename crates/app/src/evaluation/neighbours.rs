@@ -34,6 +34,14 @@ impl Neighbours {
         both.min_by_key(|i| i.abs_diff(self.frame))
     }
 
+    /// Returns the frame whose labels are copied as a guess of those of the frame: its nearer neighbour. If
+    /// labels of the `marked` frames alone are known, it is the nearest of them, of the frame's `shot` if one
+    /// is there.
+    pub(super) fn copied(&self, marked: Option<&[usize]>, shot: &Range<usize>) -> Option<usize> {
+        let Some(marked) = marked else { return self.nearest() };
+        marked.iter().copied().min_by_key(|i| (!shot.contains(i), i.abs_diff(self.frame)))
+    }
+
     /// Returns `true` if a neighbour has the frame's time: it shows the same.
     pub(super) fn repeats(&self, scene: &Scene) -> bool {
         let is_same = |i: usize| scene.time(i) == scene.time(self.frame);
@@ -73,5 +81,19 @@ mod tests {
         assert_eq!(nearest(9, &shown, 9..18), Some(10), "beyond a cut nothing is seen");
         assert_eq!(nearest(9, &[5, 9, 14], 0..18), Some(5), "nor what was left out");
         assert_eq!(nearest(0, &[0], 0..1), None);
+    }
+
+    #[test]
+    fn copied_labels_are_those_that_are_known() {
+        let shown: Vec<usize> = (0..18).collect();
+        let copied = |frame, shot: Range<usize>, marked: Option<&[usize]>| {
+            Neighbours::of(frame, &shown, &shot, false).copied(marked, &shot)
+        };
+        assert_eq!(copied(9, 0..18, None), Some(8));
+        assert_eq!(copied(9, 0..18, Some(&[2, 14])), Some(14));
+        assert_eq!(copied(8, 0..18, Some(&[2, 14])), Some(2), "the earlier one of two");
+        assert_eq!(copied(9, 0..10, Some(&[2, 14])), Some(2), "before what lies beyond a cut");
+        assert_eq!(copied(9, 5..18, Some(&[2])), Some(2), "which counts where there is nothing else");
+        assert_eq!(copied(9, 0..18, Some(&[])), None);
     }
 }

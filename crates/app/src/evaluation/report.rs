@@ -52,7 +52,8 @@ pub(crate) struct EvalReport {
     /// Runs of frames that no chapter of the scene shows, each by its first and last frame; they are not
     /// measured.
     pub(crate) frames_not_shown: Vec<[usize; 2]>,
-    /// Classes of which foreign masks have none; they count as not found.
+    /// Classes of which foreign masks have none, or that nobody marked where only what is marked is found; they
+    /// count as not found.
     pub(crate) classes_without_masks: Vec<String>,
     /// `true` if the frames were kept from training; for foreign masks, `true` if they are the test frames.
     pub(crate) held_out: bool,
@@ -61,8 +62,8 @@ pub(crate) struct EvalReport {
     /// `None` without labels or features.
     pub(crate) iou: Option<Iou>,
     pub(crate) masks: Option<Masks>,
-    /// The same measures of a copy of the labels of the nearest training frame, for comparison; `None` if no
-    /// such frame has labels.
+    /// The same measures of a copy of the labels of the nearest training frame, or of the nearest marked one if
+    /// the scene knows marks alone, for comparison; `None` if no such frame has labels.
     pub(crate) copied_labels: Option<Copied>,
     pub(crate) ms: Option<Milliseconds>,
     pub(crate) fps: Option<Fps>,

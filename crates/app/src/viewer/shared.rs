@@ -23,9 +23,12 @@ use crate::viewer::{
         toast::{Back, SHOWN_SECS, Toast},
         zoom::Panes,
     },
-    text::sentence,
+    text::{done, sentence},
 };
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::{Result, relevancy::RelevancySettings};
 
 /// Name of the built-in demo.
@@ -172,6 +175,23 @@ impl Shared {
         self.open.as_ref()?.picture()
     }
 
+    /// Returns `true` if the frame on the screen is left out: nothing of it is shown or told.
+    pub(crate) fn is_left_out(&self) -> bool {
+        self.picture().is_some_and(|p| self.document.is_excluded(p.request.view.frame))
+    }
+
+    /// Returns the paths that were opened last, each once. All of the built-in demo is one.
+    pub(crate) fn recent(&self) -> Vec<&Path> {
+        let mut recent: Vec<&Path> = Vec::new();
+        for path in self.preferences.recent.iter().map(PathBuf::as_path) {
+            let is_same = |other: &Path| other == path || (self.is_demo(other) && self.is_demo(path));
+            if !recent.iter().any(|other| is_same(other)) {
+                recent.push(path);
+            }
+        }
+        recent
+    }
+
     /// Returns what a prompt found in the shown picture; `None` until the prompt has been answered.
     pub(crate) fn finding(&self, id: u64, text: &str) -> Option<&Finding> {
         self.open.as_ref()?.finding(id, text)
@@ -221,9 +241,9 @@ impl Shared {
     /// Says which edit was made since a revision of the document, if any.
     pub(crate) fn say_edit_since(&mut self, revision: u64, now: f64) {
         if self.document.revision() != revision
-            && let Some(name) = self.document.undo_name().map(sentence)
+            && let Some(name) = self.document.undo_name().map(done)
         {
-            self.say(name, Some(Back::Undo), now);
+            self.say(sentence(&name), Some(Back::Undo), now);
         }
     }
 

@@ -8,6 +8,35 @@ pub(crate) fn sentence(text: &str) -> String {
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
+/// Beginnings of names of edits, and what they are called once the edit is made. What lasts, such as hiding,
+/// is called the same.
+const DONE: [(&str, &str); 12] = [
+    ("adding ", "added "),
+    ("changing ", "changed "),
+    ("deleting ", "deleted "),
+    ("keeping ", "kept "),
+    ("leaving out ", "left out "),
+    ("marking ", "marked "),
+    ("moving ", "moved "),
+    ("reading ", "read "),
+    ("removing ", "removed "),
+    ("returning ", "returned "),
+    ("setting ", "set "),
+    ("taking ", "took "),
+];
+
+/// Turns the name of an edit into words for what was done: "deleting liver" becomes "deleted liver".
+pub(crate) fn done(edit: &str) -> String {
+    let past = DONE.iter().find_map(|(name, past)| Some(format!("{past}{}", edit.strip_prefix(*name)?)));
+    past.unwrap_or_else(|| edit.to_owned())
+}
+
+/// Formats a duration as an estimate.
+pub(crate) fn about(seconds: f64) -> String {
+    let duration = duration(seconds);
+    if duration.starts_with("a ") { duration } else { format!("about {duration}") }
+}
+
 /// Formats a duration in words, rounded as people say it.
 pub(crate) fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
@@ -57,10 +86,18 @@ mod tests {
         assert_eq!(duration(44.0), "40 seconds");
         assert_eq!(duration(100.0), "2 minutes");
         assert_eq!(duration(5400.0), "1.5 hours");
+        assert_eq!([about(3.0), about(44.0)], ["a few seconds", "about 40 seconds"]);
         assert_eq!(thousands(1_234_567), "1\u{a0}234\u{a0}567");
         assert_eq!(thousands(12), "12");
         let files = [0, 1, 1200].map(|n| counted(n, "file", "files"));
         assert_eq!(files, ["0 files", "1 file", "1\u{a0}200 files"]);
+    }
+
+    #[test]
+    fn what_was_done_is_told_as_done_and_what_lasts_as_lasting() {
+        let told =
+            ["deleting \"fat\"", "leaving out frame 1", "hiding \"fat\"", "masks as they are"].map(done);
+        assert_eq!(told, ["deleted \"fat\"", "left out frame 1", "hiding \"fat\"", "masks as they are"]);
     }
 
     #[test]

@@ -79,7 +79,7 @@ pub(crate) fn read_with(path: &Path, canvas: &Canvas, references: &References) -
     // Only the frames that are about the recording are read.
     let found = match is_dicom(path) {
         true => segmentation::read(path, canvas, references).map(Some),
-        false => parse(&bytes_of(path)?, canvas),
+        false => parse(&bytes_of(path, "read the annotations")?, canvas),
     };
     match found.map_err(at)? {
         Some(annotations) => checked(annotations, canvas).map_err(at),
@@ -90,9 +90,9 @@ pub(crate) fn read_with(path: &Path, canvas: &Canvas, references: &References) -
     }
 }
 
-/// Returns the bytes of a file of annotations or marks.
-pub(crate) fn bytes_of(path: &Path) -> Result<Vec<u8>> {
-    read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the annotations", path, e))
+/// Returns the bytes of a file of annotations or marks. `doing` says what is done, as in [`Error::io`].
+pub(crate) fn bytes_of(path: &Path, doing: &str) -> Result<Vec<u8>> {
+    read_regular(path, MOST_BYTES).map_err(|e| Error::io(doing, path, e))
 }
 
 /// Reads annotations of any form; `None` if they are in none.

@@ -97,12 +97,18 @@ impl Shape {
         }
     }
 
-    /// Returns the shape as text; equal shapes have equal texts.
+    /// Returns the shape as text; the same shapes have equal texts.
     pub(crate) fn written(&self) -> String {
         match self {
             Self::Mask(mask) => {
                 let (width, height) = mask.size();
                 format!("Mask {width}×{height} {}", compressed(mask.lengths()))
+            }
+            Self::Box { corners_px: [a, b] } => {
+                // It is the same box from any two opposite corners.
+                let low = [a[0].min(b[0]), a[1].min(b[1])];
+                let high = [a[0].max(b[0]), a[1].max(b[1])];
+                format!("{:?}", Self::Box { corners_px: [low, high] })
             }
             other => format!("{other:?}"),
         }

@@ -96,9 +96,9 @@ struct Lookup<'a> {
 pub type Pictures<'a> = dyn FnMut(usize) -> Result<RgbImage> + 'a;
 
 impl Carried {
-    /// Takes marks on the recording of a scene that `graph` is of.
+    /// Takes marks on the recording of a scene that `graph` is of. Names that no mark shows do not count.
     pub fn new(scene: &Scene, graph: Arc<Graph>, marks: &Marks, settings: CarrySettings) -> Self {
-        let names = marks.names();
+        let names = marks.shown_names();
         let evidence = Evidence::of_all(marks, &names, scene);
         let (growing, pointed) = Evidence::of_growing(marks, &evidence, &names, scene);
         let plan = Plan::of(&growing, &pointed, names.len());
@@ -144,6 +144,9 @@ impl Carried {
     /// Returns the share of each name in each Gaussian, [names][Gaussians], 0–1. Marks that grow are spread over
     /// their frames first.
     pub fn shares(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<&[Vec<f32>]> {
+        if self.names.is_empty() {
+            return Ok(&[]);
+        }
         if self.shares.is_none() {
             let mut seeds = Seeds::none(scene, self.names.len());
             for frame in self.evidence.keys().copied().collect::<Vec<_>>() {
@@ -193,6 +196,9 @@ impl Carried {
     ) -> Result<FrameScores> {
         let camera = scene.cameras[frame];
         let (width, height) = (camera.width as usize, camera.height as usize);
+        if self.names.is_empty() {
+            return Ok(scores(&[], width, height));
+        }
         if !is_large_enough(scene) {
             let scores = self.on_view(scene, camera, scene.time(frame), pictures)?;
             return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
@@ -471,22 +477,32 @@ impl Carried {
     }
 }
 
-/// Sets marked pixels to what the marks say. Shares that are denied go to the other names and to none.
+/// Sets marked pixels to what the marks say. Other names keep their lead over what is denied.
 pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
     for (pixels, verdicts) in evidence.said() {
         let said: Vec<(f32, f32)> = (0..shares.len()).map(|k| verdicts.of(k)).collect();
         for i in pixels {
-            let denied =
-                |(plane, said): (&Vec<f32>, &(f32, f32))| if *said == (1.0, 0.0) { plane[i] } else { 0.0 };
-            let denied: f32 = shares.iter().zip(&said).map(denied).sum();
+            let sum = |is_denied: bool| -> f32 {
+                let each = shares.iter().zip(&said).filter(|(_, said)| (**said == (1.0, 0.0)) == is_denied);
+                each.map(|(plane, _)| plane[i]).sum()
+            };
+            let scale = scale_beside_denied(sum(false), sum(true));
             for (plane, said) in shares.iter_mut().zip(&said) {
                 plane[i] = match *said {
                     (1.0, marked) => marked,
-                    _ => (plane[i] / (1.0 - denied).max(f32::EPSILON)).clamp(0.0, 1.0),
+                    _ => (plane[i] * scale).clamp(0.0, 1.0),
                 };
             }
         }
     }
+}
+
+/// Returns the factor of the shares of names, `kept` together, beside names that lost `denied` to marks that
+/// say "not this". What is lost and what no name has do not add up: the larger of both is what no name has
+/// from now on. So the other names lead over it as they led over the denied names.
+pub(super) fn scale_beside_denied(kept: f32, denied: f32) -> f32 {
+    let none = (1.0 - kept - denied).max(denied);
+    1.0 / (kept + none).max(f32::EPSILON)
 }
 
 /// Returns `true` if pictures are large enough to be segmented.

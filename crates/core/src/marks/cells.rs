@@ -4,6 +4,7 @@
 use super::{
     Evidence,
     appearance::{Appearance, AppearanceFeatures, Prediction, Unlabelled, opponents},
+    carried::scale_beside_denied,
     hints::{GuideShares, Hints},
     links::Links,
     marked_frame::at_half,
@@ -21,7 +22,7 @@ const NUM_CELLS: f32 = 25_600.0;
 /// Difference of brightness at which a link weighs e^(−½), and of hue, as [`opponents`] gives them.
 const BRIGHTNESS: f32 = 0.041;
 const HUE: f32 = 0.033;
-/// Difference of the logarithm of depth at which a link weighs e^(−½).
+/// Difference of the logarithm of depth at which a link, or a cell of the surroundings, weighs e^(−½).
 const LOG_DEPTH: f32 = 0.03;
 /// Half the side of the surroundings of a cell, in cells.
 const AROUND: usize = 2;
@@ -96,19 +97,27 @@ pub(super) fn spread_over(
 ) -> Vec<Vec<f32>> {
     let (width, height) = (frame.picture.width() as usize, frame.picture.height() as usize);
     let grid = CellGrid::of_picture(width, height);
-    let mut seeds = grid.seeds(evidence, num_names);
-    grid.add_propagated(&mut seeds, propagated);
+    let seeds = grid.marked_seeds(evidence, propagated, num_names);
     let colours = grid.colours(frame.picture);
     let log_depths = frame.depth.map(|depth| grid.log_depths(depth));
     let links = grid.links(&colours, log_depths.as_deref(), frame.field_of_view);
     let guides = guides.map(|guides| grid.guide_shares(&guides));
     let shares = if grid.is_mostly_marked(evidence) {
-        spread(&links, &seeds, Before::Nothing, PULL, guides.as_ref().map(Hints::from_guides).as_ref())
+        let hints = guides.as_ref().map(Hints::from_guides);
+        walk(&links, &seeds, Before::Nothing, hints.as_ref(), <[_]>::to_vec).1
     } else {
         let appearance = grid.appearance(&colours, log_depths.as_deref());
         spread_in_rounds(&appearance, &links, &seeds, guides.as_ref())
     };
-    shares.par_iter().map(|share| grid.at_half(share)).collect()
+    shares[..num_names].par_iter().map(|share| grid.at_half(share)).collect()
+}
+
+/// Seeds of the cells of a picture.
+struct CellSeeds {
+    /// Of all that marks say.
+    all: Seeds,
+    /// The same without pixels of which marks deny some names alone, if there are some.
+    open: Option<Seeds>,
 }
 
 /// A marked picture as an example, with the cells that show each name.
@@ -140,9 +149,10 @@ impl Example {
     ) -> Self {
         let cells = CellFeatures::of(picture);
         let CellFeatures { grid, appearance } = &cells;
-        let seeds = grid.seeds(evidence, num_names);
+        let seeds = grid.marked_seeds(evidence, &[], num_names);
         let links = grid.links(&grid.colours(picture), None, field_of_view);
-        let shares = spread_in_rounds(appearance, &links, &seeds, None);
+        let mut shares = spread_in_rounds(appearance, &links, &seeds, None);
+        shares.truncate(num_names);
         let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
         let shows = |plane: &Vec<f32>| inside().filter(|i| plane[*i] > MIN_SHOWN_SHARE).collect();
         let shown = shares.iter().map(shows).collect();
@@ -190,22 +200,59 @@ impl Example {
 }
 
 /// Spreads marks in rounds: cells that clearly belong to a name are examples of its appearance in the next
-/// one.
+/// one. Returns what [`walk`] does.
 fn spread_in_rounds(
     appearance: &AppearanceFeatures,
     links: &Links,
-    seeds: &Seeds,
+    seeds: &CellSeeds,
     guides: Option<&GuideShares>,
 ) -> Vec<Vec<f32>> {
     let (mut walked, mut shares) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS {
-        let hints = Hints::of(appearance, links, seeds, &shares);
+        let hints = Hints::of(appearance, links, &seeds.all, &shares);
         let hints = guides.into_iter().fold(hints, Hints::with_guides);
         let before = if round == 0 { Before::Nothing } else { Before::Nearly(&walked) };
-        walked = spread(links, seeds, before, PULL, Some(&hints));
-        shares = weighed_by_area(&walked);
+        (walked, shares) = walk(links, seeds, before, Some(&hints), weighed_by_area);
     }
     shares
+}
+
+/// Walks from the seeds. A denial changes the shares of the denied name alone: it is walked for by itself.
+/// Returns the shares without denials, from which the next walk may start, and the shares with them, which
+/// `weigh` weighs. The latter have one more plane if names are denied: see [`take_denied`].
+fn walk(
+    links: &Links,
+    seeds: &CellSeeds,
+    before: Before<'_>,
+    hints: Option<&Hints>,
+    weigh: impl Fn(&[Vec<f32>]) -> Vec<Vec<f32>>,
+) -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
+    let open = spread(links, seeds.open.as_ref().unwrap_or(&seeds.all), before, PULL, hints);
+    let mut shares = weigh(&open);
+    if seeds.open.is_some() {
+        let denied = spread(links, &seeds.all, Before::Nearly(&open), PULL, hints);
+        let lost = take_denied(&mut shares, &open, &denied);
+        shares.push(lost);
+    }
+    (open, shares)
+}
+
+/// Takes from each name what marks deny: the part by which its share is smaller in a walk with denials,
+/// `denied`, than in one without, `open`. Returns what was taken from each cell that the other names have
+/// more of: such a cell shows one of them, not nothing.
+fn take_denied(shares: &mut [Vec<f32>], open: &[Vec<f32>], denied: &[Vec<f32>]) -> Vec<f32> {
+    let mut lost = vec![0.0; shares.first().map_or(0, Vec::len)];
+    for (i, lost) in lost.iter_mut().enumerate() {
+        let before: f32 = shares.iter().map(|plane| plane[i]).sum();
+        for (share, (open, denied)) in shares.iter_mut().zip(open.iter().zip(denied)) {
+            share[i] *= (denied[i] / open[i].max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+        }
+        let kept: f32 = shares.iter().map(|plane| plane[i]).sum();
+        let scale = scale_beside_denied(kept, before - kept);
+        shares.iter_mut().for_each(|plane| plane[i] *= scale);
+        *lost = if kept > before - kept { (before - kept) * scale } else { 0.0 };
+    }
+    lost
 }
 
 /// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for
@@ -221,6 +268,12 @@ fn weighed_by_area(shares: &[Vec<f32>]) -> Vec<Vec<f32>> {
         weighed.iter_mut().zip(&factors).for_each(|(plane, f)| plane[i] *= f * scale);
     }
     weighed
+}
+
+/// Returns how much deeper a cell is than another, in units of [`LOG_DEPTH`]; 0 where that is not known.
+fn depths_apart(log_depths: &[f32], cell: usize, other: usize) -> f32 {
+    let farther = (log_depths[cell] - log_depths[other]) / LOG_DEPTH;
+    if farther.is_nan() { 0.0 } else { farther }
 }
 
 /// Division of a picture into square cells.
@@ -268,6 +321,21 @@ impl CellGrid {
     /// Returns `true` if marks decide the label of more than half of the picture.
     fn is_mostly_marked(&self, evidence: &Evidence) -> bool {
         2 * evidence.decided().count() > self.width * self.height
+    }
+
+    /// Returns the seeds of evidence and of pixels that marks were propagated to.
+    fn marked_seeds(
+        &self,
+        evidence: &Evidence,
+        propagated: &[(usize, usize)],
+        num_names: usize,
+    ) -> CellSeeds {
+        let of = |evidence: &Evidence| {
+            let mut seeds = self.seeds(evidence, num_names);
+            self.add_propagated(&mut seeds, propagated);
+            seeds
+        };
+        CellSeeds { all: of(evidence), open: evidence.without_denials().as_ref().map(of) }
     }
 
     /// Sums up the evidence of the pixels of each cell.
@@ -336,7 +404,10 @@ impl CellGrid {
     fn appearance(&self, colours: &[[f32; 3]], log_depths: Option<&[f32]>) -> AppearanceFeatures {
         let around = |value: &dyn Fn(&[f32; 3]) -> f32| {
             let values: Vec<f32> = colours.iter().map(value).collect();
-            window_means(&values, [self.columns, self.rows], AROUND)
+            match log_depths {
+                Some(depths) => self.means_about_as_deep(&values, depths),
+                None => window_means(&values, [self.columns, self.rows], AROUND),
+            }
         };
         let means = [0, 1, 2].map(|c| around(&|colour| colour[c]));
         let means_2 = around(&|colour| colour[0] * colour[0]);
@@ -351,6 +422,25 @@ impl CellGrid {
         AppearanceFeatures::new((0..colours.len()).map(of_cell))
     }
 
+    /// Returns the mean over the surroundings of each cell, of what is about as deep: beside a tool, what lies
+    /// behind it has surroundings of its own.
+    fn means_about_as_deep(&self, values: &[f32], log_depths: &[f32]) -> Vec<f32> {
+        let mean = |cell: usize| {
+            let (x, y) = (cell % self.columns, cell / self.columns);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for row in y.saturating_sub(AROUND)..(y + AROUND + 1).min(self.rows) {
+                for column in x.saturating_sub(AROUND)..(x + AROUND + 1).min(self.columns) {
+                    let other = row * self.columns + column;
+                    let weight = (-0.5 * depths_apart(log_depths, cell, other).powi(2)).exp();
+                    sum += weight * values[other];
+                    weights += weight;
+                }
+            }
+            sum / weights
+        };
+        (0..values.len()).into_par_iter().with_min_len(1024).map(mean).collect()
+    }
+
     /// Links each cell in the field of view with those of the eight around it that lie there, too, by their
     /// colours and, where they are known, their depths.
     fn links(&self, colours: &[[f32; 3]], log_depths: Option<&[f32]>, field_of_view: &Mask) -> Links {
@@ -361,12 +451,9 @@ impl CellGrid {
             let other = y * self.columns + x;
             let [light, red, yellow]: [f32; 3] =
                 std::array::from_fn(|c| colours[cell][c] - colours[other][c]);
-            let farther = log_depths.map_or(0.0, |depths| depths[cell] - depths[other]);
-            let farther = if farther.is_nan() { 0.0 } else { farther };
-            let difference_2 = (light / BRIGHTNESS).powi(2)
-                + (red / HUE).powi(2)
-                + (yellow / HUE).powi(2)
-                + (farther / LOG_DEPTH).powi(2);
+            let farther = log_depths.map_or(0.0, |depths| depths_apart(depths, cell, other));
+            let difference_2 =
+                (light / BRIGHTNESS).powi(2) + (red / HUE).powi(2) + (yellow / HUE).powi(2) + farther.powi(2);
             let length = ((dx * dx) as f32 + (dy * dy) as f32).sqrt();
             let weight = (-0.5 * difference_2).exp() / length;
             (inside[cell] > 0.5 && inside[other] > 0.5).then_some((cell as u32, other as u32, weight))
@@ -412,6 +499,24 @@ mod tests {
         assert_eq!(sizes.map(side), [1, 2, 2, 4, 4, 6, 9]);
     }
 
+    #[test]
+    fn surroundings_are_about_as_deep() {
+        let grid = CellGrid::of_picture(40, 20);
+        // A bright tool on the left lies before dark tissue.
+        let values: Vec<f32> = (0..800).map(|i| if i % 40 < 20 { 1.0 } else { 0.0 }).collect();
+        let beside = |depth_of_tissue: f32| {
+            let depths: Vec<f32> =
+                (0..800).map(|i| if i % 40 < 20 { 0.0 } else { depth_of_tissue }).collect();
+            let means = grid.means_about_as_deep(&values, &depths);
+            [means[10 * 40 + 19], means[10 * 40 + 20]]
+        };
+        assert_eq!(beside(1.0), [1.0, 0.0]);
+        for depth in [0.0, f32::NAN] {
+            let [tool, tissue] = beside(depth);
+            assert!((tool - 0.6).abs() < 1e-3 && (tissue - 0.4).abs() < 1e-3, "{tool} {tissue}");
+        }
+    }
+
     /// Strokes on fat, at the bottom, and on liver, at the top, spread over a picture. Returns the shares of
     /// liver and fat in a small piece of dark fat amid the liver. The right half may show something without a
     /// name.
@@ -445,6 +550,48 @@ mod tests {
         assert!(fat > 0.5 && liver < 0.3, "{liver} {fat}");
         let [liver, fat] = shares_of_dark_fat(Some([90, 95, 140]));
         assert!(fat < 0.4 && liver < 0.4, "half of the picture has no name: {liver} {fat}");
+    }
+
+    #[test]
+    fn a_denial_takes_from_the_denied_name_alone() {
+        // Two names compete for the first cell; the second one shows what is denied, the third one neither.
+        let open = [vec![0.36, 0.98, 0.0], vec![0.6, 0.01, 0.25]];
+        let denied = [vec![0.0, 0.0, 0.0], open[1].clone()];
+        let mut shares = open.to_vec();
+        let lost = take_denied(&mut shares, &open, &denied);
+        assert_eq!(shares[0], [0.0; 3]);
+        for (share, expected) in shares[1].iter().zip([0.625, 0.0101, 0.25]) {
+            assert!((share - expected).abs() < 1e-3, "{share} instead of {expected}");
+        }
+        assert!((lost[0] - 0.375).abs() < 1e-3 && lost[1..] == [0.0; 2], "{lost:?}");
+    }
+
+    #[test]
+    fn what_is_no_fat_may_be_liver_as_before() {
+        const SIZE: [usize; 2] = [240, 160];
+        // Between liver on the left and fat on the right lies something of a colour between both.
+        let picture = RgbImage::from_fn(240, 160, |x, y| {
+            let grain = ((x * 7 + y * 13) % 5) as u8;
+            let colour = [[110, 50, 45], [150, 95, 58], [215, 175, 80]][x as usize / 80];
+            image::Rgb(colour.map(|level| level + grain))
+        });
+        let stroke = |name: &str, add: bool, x: f32| {
+            let shape = Shape::Stroke { points_px: vec![[x, 20.0], [x, 140.0]], radius_px: 3.0 };
+            Mark::new(0, name, add, shape)
+        };
+        let liver_under_mark = |marks: Vec<Mark>| -> f32 {
+            let marks = Marks::unchecked(marks);
+            let evidence = Evidence::of(&marks, 0, &marks.shown_names(), SIZE);
+            let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
+            let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: None };
+            let shares = spread_over(&frame, &evidence, &[], 2, None);
+            assert_eq!(shares.len(), 2);
+            shares[1][40 * 120 + 60]
+        };
+        let shown = vec![stroke("liver", true, 20.0), stroke("fat", true, 220.0)];
+        let denied = [shown.clone(), vec![stroke("fat", false, 120.0)]].concat();
+        let (before, after) = (liver_under_mark(shown), liver_under_mark(denied));
+        assert!(after > before - 0.02, "{before} {after}");
     }
 
     /// Shares of tool and tissue, of which a stroke each is marked, in tissue between the strokes that is as

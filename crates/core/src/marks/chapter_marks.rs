@@ -58,7 +58,7 @@ struct ChapteredScene<'a> {
 /// Returns the names that some mark shows in each chapter, but for those that the scene finds by itself.
 fn names_shown(scene: &Scene, chapters: &[Chapter], all: &Marks) -> Vec<BTreeSet<String>> {
     let mut names = vec![BTreeSet::new(); chapters.len()];
-    for mark in all.all().iter().filter(|mark| mark.add && !scene.finds(&mark.name)) {
+    for mark in all.standing().filter(|mark| mark.add && !scene.finds(&mark.name)) {
         for (names, chapter) in names.iter_mut().zip(chapters) {
             if chapter.learned.contains(&mark.frame) && !names.contains(&mark.name) {
                 names.insert(mark.name.clone());
@@ -215,7 +215,7 @@ impl ChapterMarks {
         chaptered: ChapteredScene<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let mut marks = chaptered.by_hand(*place);
+        let mut marks = chaptered.by_hand(*place).marks;
         for (nearest, names) in chaptered.missing_names(*place, sources) {
             let known_sources = &sources[..=nearest];
             let masks = match chaptered.neighbour_towards(*place, sources[nearest]) {
@@ -226,9 +226,9 @@ impl ChapterMarks {
             };
             let masks = masks.filtered(|mark| names.contains(&mark.name));
             let found = self.redetect_missing(*place, (names, masks), known_sources, chaptered, pictures)?;
-            marks.marks.extend(found.marks);
+            marks.extend(found);
         }
-        Ok(marks)
+        Ok(Marks::unchecked(marks))
     }
 
     /// Returns masks of all names of a chapter on a frame at its border.
@@ -245,7 +245,7 @@ impl ChapterMarks {
         }
         let marks = self.by_chapter.get(&border.0).cloned().unwrap_or_default();
         let chapter = chaptered.scene.of_chapter(chaptered.chapters[border.0.0].index)?;
-        let masks = Marks { marks: masks_on_frame(&chapter, &marks, frame, pictures)? };
+        let masks = Marks::unchecked(masks_on_frame(&chapter, &marks, frame, pictures)?);
         self.at_border.insert(border, masks.clone());
         Ok(masks)
     }
@@ -259,16 +259,15 @@ impl ChapterMarks {
         sources: &[usize],
         chaptered: ChapteredScene<'_>,
         pictures: &mut Pictures<'_>,
-    ) -> Result<Marks> {
+    ) -> Result<Vec<Mark>> {
         let ChapteredScene { scene, chapters, all, .. } = chaptered;
         let source_marks = sources.iter().flat_map(|k| chaptered.within(*k).marks).collect();
-        let source_marks = Marks { marks: source_marks };
+        let source_marks = Marks::unchecked(source_marks);
         let (by_hand, frames) = (ByHand { scene, all, source_marks: &source_marks }, &chapters[place].shown);
-        let marks = self.examples.drop_vanished(masks.marks, by_hand, frames, pictures)?;
-        let mut marks = Marks { marks };
-        let is_seen = |name: &String| marks.all().iter().any(|mark| mark.add && mark.name == *name);
+        let mut marks = self.examples.drop_vanished(masks.marks, by_hand, frames, pictures)?;
+        let is_seen = |name: &String| marks.iter().any(|mark| mark.add && mark.name == *name);
         names.retain(|name| !is_seen(name) && !scene.finds(name));
-        marks.marks.extend(self.examples.redetect(&names, by_hand, frames, pictures)?);
+        marks.extend(self.examples.redetect(&names, by_hand, frames, pictures)?);
         Ok(marks)
     }
 }

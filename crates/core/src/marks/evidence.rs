@@ -30,7 +30,7 @@ struct Run {
 }
 
 /// Verdicts of the marks on a pixel, for each name: 1 for names that it shows, −1 for names that it does not,
-/// 0 where the marks say nothing or as much for as against.
+/// 0 where the marks say nothing or as much for as against, and for names that leave it to a smaller mark.
 #[derive(Clone, Copy)]
 pub(super) struct Verdicts<'a>(&'a [i8]);
 
@@ -48,12 +48,22 @@ impl Verdicts<'_> {
 
     /// Returns the first name that is shown.
     fn shown(self) -> Option<usize> {
-        self.0.iter().position(|verdict| *verdict > 0)
+        self.all_shown().next()
+    }
+
+    /// Returns all names that are shown.
+    fn all_shown(self) -> impl Iterator<Item = usize> {
+        (0..self.0.len()).filter(move |k| self.0[*k] > 0)
     }
 
     /// Returns `true` if the marks say nothing.
     fn is_nothing(self) -> bool {
         self.0.iter().all(|verdict| *verdict == 0)
+    }
+
+    /// Returns `true` if marks deny some names, and leave the pixel to the others.
+    fn denies_some(self) -> bool {
+        !self.is_nothing() && !self.decides()
     }
 
     /// Returns `true` if the label is decided: marks show a name, or deny every name.
@@ -63,18 +73,19 @@ impl Verdicts<'_> {
 }
 
 impl Evidence {
-    /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts.
-    pub fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
+    /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts. A pixel that
+    /// is marked as several names belongs to the one whose mark lies inside of the others, or to all of them.
+    pub fn of(marks: &Marks, frame: usize, names: &[String], size: [usize; 2]) -> Self {
         let num_names = names.len();
-        let mut votes = vec![0_i32; width * height * num_names];
-        for mark in marks.on(frame) {
-            let Some(k) = names.iter().position(|name| *name == mark.name) else { continue };
+        let mut votes = vec![0_i32; size[0] * size[1] * num_names];
+        let place = |mark: &Mark| names.iter().position(|name| *name == mark.name);
+        let placed: Vec<(usize, &Mark)> =
+            marks.on(frame).filter_map(|mark| Some((place(mark)?, mark))).collect();
+        for (k, mark) in &placed {
             let vote = if mark.add { 1 } else { -1 };
-            let pixels = mark.shape.pixels(width, height);
-            for (i, _) in pixels.data.iter().enumerate().filter(|(_, is_marked)| **is_marked) {
-                votes[i * num_names + k] += vote;
-            }
+            marked_pixels(mark, size).into_iter().for_each(|i| votes[i * num_names + k] += vote);
         }
+        leave_to_inner(&mut votes, num_names, &placed, size);
         let mut evidence = Self::none(frame, num_names);
         let mut verdicts = vec![0; num_names];
         for (i, votes) in votes.chunks_exact(num_names.max(1)).enumerate() {
@@ -150,6 +161,12 @@ impl Evidence {
         self.runs().filter_map(|(pixels, verdicts)| Some((pixels, verdicts.shown()?)))
     }
 
+    /// Returns the runs of pixels that show names, with all names that they show, ascending.
+    pub(crate) fn all_shown(&self) -> impl Iterator<Item = (Range<usize>, Vec<usize>)> {
+        let each = self.runs().map(|(pixels, verdicts)| (pixels, verdicts.all_shown().collect::<Vec<_>>()));
+        each.filter(|(_, names)| !names.is_empty())
+    }
+
     /// Returns the runs of pixels that the marks say something of.
     pub(super) fn said(&self) -> impl Iterator<Item = (Range<usize>, Verdicts<'_>)> {
         self.runs().filter(|(_, verdicts)| !verdicts.is_nothing())
@@ -189,6 +206,19 @@ impl Evidence {
         alone
     }
 
+    /// Returns the evidence without what is said of pixels of which marks deny some names alone; `None` if
+    /// there are no such pixels.
+    pub(super) fn without_denials(&self) -> Option<Self> {
+        self.runs().any(|(_, verdicts)| verdicts.denies_some()).then(|| {
+            let mut open = Self::none(self.frame, self.num_names);
+            let nothing = vec![0; self.num_names];
+            for (pixels, verdicts) in self.runs() {
+                open.push(pixels.end, if verdicts.denies_some() { &nothing } else { verdicts.0 });
+            }
+            open
+        })
+    }
+
     /// Returns `true` if some pixel shows name `k`.
     pub(super) fn shows(&self, k: usize) -> bool {
         self.verdicts.iter().skip(k).step_by(self.num_names).any(|verdict| *verdict > 0)
@@ -217,10 +247,90 @@ impl Evidence {
     }
 }
 
+/// Returns the pixels of a mark, ascending.
+fn marked_pixels(mark: &Mark, [width, height]: [usize; 2]) -> Vec<usize> {
+    let pixels = mark.shape.pixels(width, height).data.into_iter().enumerate();
+    pixels.filter(|(_, is_marked)| *is_marked).map(|(i, _)| i).collect()
+}
+
+/// Leaves pixels that are marked as several names to those whose marks lie inside of others there, and of
+/// these to the smallest ones. A mark lies inside of others if more than half of its pixels show other names, too;
+/// outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed` the marks with the
+/// places of their names.
+fn leave_to_inner(votes: &mut [i32], num_names: usize, placed: &[(usize, &Mark)], size: [usize; 2]) {
+    let is_contested = |votes: &[i32]| votes.iter().filter(|vote| **vote > 0).count() > 1;
+    // Least area of an inner mark at each pixel; 0 where one name at most is shown.
+    let least = |votes: &[i32]| if is_contested(votes) { usize::MAX } else { 0 };
+    let mut least: Vec<usize> = votes.chunks_exact(num_names.max(1)).map(least).collect();
+    if least.iter().all(|area| *area == 0) {
+        return;
+    }
+    let shown = |(k, mark): &(usize, &Mark)| {
+        let mut pixels = marked_pixels(mark, size);
+        let area = pixels.len();
+        pixels.retain(|i| least[*i] > 0 && votes[i * num_names + k] > 0);
+        (*k, area, pixels)
+    };
+    let mut inner: Vec<(usize, usize, Vec<usize>)> =
+        placed.iter().filter(|(_, mark)| mark.add).map(shown).collect();
+    inner.retain(|(_, area, pixels)| 2 * pixels.len() > *area);
+    for (_, area, pixels) in &inner {
+        pixels.iter().for_each(|i| least[*i] = least[*i].min(*area));
+    }
+    let is_inner = |area: usize| area > 0 && area < usize::MAX;
+    for (votes, _) in votes.chunks_exact_mut(num_names).zip(&least).filter(|(_, area)| is_inner(**area)) {
+        votes.iter_mut().for_each(|vote| *vote = (*vote).min(0));
+    }
+    for (k, area, pixels) in &inner {
+        for i in pixels.iter().filter(|i| least[**i] == *area) {
+            votes[i * num_names + k] = 1;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::annotations::Shape;
     use proptest::prelude::*;
+
+    /// A box on frame 3 from one corner to another one.
+    fn square(name: &str, add: bool, low: f32, high: f32) -> Mark {
+        Mark::new(3, name, add, Shape::Box { corners_px: [[low, low], [high, high]] })
+    }
+
+    /// Verdicts of marks at pixels on the diagonal of 8×8, of fat and liver.
+    fn on_diagonal(marks: Vec<Mark>, at: &[usize]) -> Vec<Vec<i8>> {
+        let names = ["fat", "liver"].map(str::to_owned);
+        let said = dense(&Evidence::of(&Marks::unchecked(marks), 3, &names, [8, 8]));
+        at.iter().map(|at| said[at * 9].clone()).collect()
+    }
+
+    #[test]
+    fn a_pixel_belongs_to_the_smallest_inner_mark_in_any_order() {
+        let mut marks = vec![
+            square("liver", true, 0.0, 8.0),
+            square("fat", true, 2.0, 5.0),
+            square("liver", true, 4.0, 5.0),
+            square("fat", false, 6.0, 7.0),
+        ];
+        let expected = [[0, 1], [1, 0], [0, 1], [-1, 1]];
+        assert_eq!(on_diagonal(marks.clone(), &[0, 3, 4, 6]), expected);
+        marks.reverse();
+        assert_eq!(on_diagonal(marks, &[0, 3, 4, 6]), expected);
+    }
+
+    #[test]
+    fn marks_that_overlap_or_are_the_same_share_pixels() {
+        let beside = vec![square("liver", true, 2.0, 5.0), square("fat", true, 4.0, 8.0)];
+        assert_eq!(on_diagonal(beside.clone(), &[2, 4, 7]), [[0, 1], [1, 1], [1, 0]]);
+        let same = vec![square("liver", true, 2.0, 5.0), square("fat", true, 2.0, 5.0)];
+        assert_eq!(on_diagonal(same, &[2, 5]), [[1, 1], [0, 0]]);
+        let names = ["fat", "liver"].map(str::to_owned);
+        let evidence = Evidence::of(&Marks::unchecked(beside), 3, &names, [8, 8]);
+        let shared: Vec<_> = evidence.all_shown().filter(|(_, shown)| shown.len() > 1).collect();
+        assert_eq!(shared, [(36..37, vec![0, 1])]);
+    }
 
     /// Verdicts of a few pixels, [pixels][2], as runs.
     fn evidence(verdicts: &[[i8; 2]]) -> Evidence {
@@ -244,6 +354,9 @@ mod tests {
         assert_eq!(both.decided().collect::<Vec<_>>(), [0, 1, 4]);
         assert_eq!(both.said().map(|(pixels, _)| pixels.len()).sum::<usize>(), 4);
         assert_eq!(dense(&both.alone(1)), [[1], [-1], [0], [0], [-1]]);
+        let open = both.without_denials().unwrap();
+        assert_eq!(dense(&open), [[1, 1], [1, 0], [0, 0], [0, 0], [-1, -1]]);
+        assert_eq!(open.without_denials(), None);
     }
 
     #[test]

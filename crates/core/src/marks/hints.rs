@@ -44,7 +44,8 @@ pub(super) struct GuideShares {
 impl Hints {
     /// Predicts the shares. Positive examples of a name are the nodes that are marked so, and those that
     /// `shares`, if there are any, clearly give to it. Pixels or Gaussians denied for every name are negative
-    /// examples.
+    /// examples. Shares may have one more plane than there are names: parts of nodes that show a name, but no
+    /// longer the one that they were given to.
     pub(super) fn of(
         appearance: &AppearanceFeatures,
         links: &Links,

@@ -8,7 +8,8 @@
 //!
 //! [`Marks`] reads and checks marks, [`Evidence`] sums them up for each pixel of a frame, and [`Carried`]
 //! gives scores on every frame. [`ChapterMarks`] finds the marks that count in each chapter of a long scene.
-//! Nothing depends on the order of marks, and a mark and its opposite leave nothing.
+//! Nothing depends on the order of marks, and a mark and its opposite leave nothing. A small
+//! structure may be marked inside of a large one.
 
 mod appearance;
 mod carried;
@@ -33,6 +34,8 @@ mod notes;
 mod outside;
 mod plan;
 mod read;
+#[cfg(test)]
+mod read_tests;
 mod redetect;
 mod scores;
 mod seeds;
@@ -50,9 +53,14 @@ pub use scores::{FrameScores, LookHere};
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, HashMap},
     ops::Range,
 };
+
+/// Largest number of characters of a name.
+const MOST_CHARACTERS: usize = 200;
+/// Number of characters of a longer name that messages hold.
+const MOST_CHARACTERS_TOLD: usize = 40;
 
 /// A mark by hand on a frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -68,10 +76,14 @@ pub struct Mark {
     pub shape: Shape,
 }
 
-/// Marks that fit a recording; their order does not matter.
+/// Marks that fit a recording; their order does not matter. A mark that is given twice counts once, and a
+/// mark and its opposite count as if neither had been made.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Marks {
+    /// The marks as they were given.
     marks: Vec<Mark>,
+    /// Places of those that count, ascending.
+    standing: Vec<usize>,
 }
 
 impl Mark {
@@ -87,8 +99,8 @@ impl Mark {
 
     /// Returns the reason why the mark cannot be on `canvas`, if there is one.
     fn problem(&self, canvas: &Canvas) -> Option<String> {
-        if !is_name(&self.name) {
-            return Some("it has no name".into());
+        if let Some(problem) = problem_of_name(&self.name) {
+            return Some(problem);
         }
         if self.frame >= canvas.num_frames {
             let last = canvas.num_frames.saturating_sub(1);
@@ -102,53 +114,63 @@ impl Marks {
     /// Takes marks that fit the recording.
     ///
     /// # Errors
-    /// The first mark that lies outside the picture, is on no frame, has no name, or is made of numbers that
-    /// are not finite; the message names it.
+    /// The first mark that lies outside the picture, is on no frame, has no name that can be used, or is made
+    /// of numbers that are not finite; the message names it.
     pub fn new(marks: Vec<Mark>, canvas: &Canvas) -> Result<Self> {
         for (i, mark) in marks.iter().enumerate() {
             if let Some(problem) = mark.problem(canvas) {
                 return Err(bad_mark(&name_of(i, &mark.name, Some(mark.frame)), &problem));
             }
         }
-        Ok(Self { marks })
+        Ok(Self::unchecked(marks))
     }
 
     /// Takes marks that are known to fit.
     pub(crate) fn unchecked(marks: Vec<Mark>) -> Self {
-        Self { marks }
+        Self { standing: standing(&marks), marks }
     }
 
-    /// Returns the marks.
+    /// Returns the marks as they were given, with those that do not count.
     pub fn all(&self) -> &[Mark] {
         &self.marks
     }
 
-    /// Returns `true` if there are no marks.
+    /// Returns the marks that count: each once, without those whose opposite is there, too.
+    pub fn standing(&self) -> impl Iterator<Item = &Mark> {
+        self.standing.iter().map(move |place| &self.marks[*place])
+    }
+
+    /// Returns `true` if no marks were given, not even such as do not count.
     pub fn is_empty(&self) -> bool {
         self.marks.is_empty()
     }
 
-    /// Returns the names, sorted, each once.
+    /// Returns the names of the marks that count, sorted, each once.
     pub fn names(&self) -> Vec<String> {
-        let names: BTreeSet<&str> = self.marks.iter().map(|m| m.name.as_str()).collect();
-        names.into_iter().map(str::to_owned).collect()
+        names_of(self.standing())
     }
 
-    /// Returns the marked frames, ascending.
+    /// Returns the names that some mark shows, sorted, each once. A name of which marks only say what it is
+    /// not cannot be looked for.
+    pub fn shown_names(&self) -> Vec<String> {
+        names_of(self.standing().filter(|mark| mark.add))
+    }
+
+    /// Returns the frames of the marks that count, ascending.
     pub fn frames(&self) -> Vec<usize> {
-        let frames: BTreeSet<usize> = self.marks.iter().map(|m| m.frame).collect();
+        let frames: BTreeSet<usize> = self.standing().map(|m| m.frame).collect();
         frames.into_iter().collect()
     }
 
-    /// Returns the SHA-256 over all marks in a fixed order, hexadecimal.
+    /// Returns the SHA-256 over the marks that count in a fixed order, hexadecimal.
     pub fn digest(&self) -> String {
-        digest(self.marks.iter())
+        digest(self.standing())
     }
 
     /// Returns the SHA-256 over the marks of each marked frame, hexadecimal.
     pub(crate) fn digests(&self) -> BTreeMap<usize, String> {
         let mut on: BTreeMap<usize, Vec<&Mark>> = BTreeMap::new();
-        for mark in &self.marks {
+        for mark in self.standing() {
             on.entry(mark.frame).or_default().push(mark);
         }
         on.into_iter().map(|(frame, marks)| (frame, digest(marks.into_iter()))).collect()
@@ -163,13 +185,14 @@ impl Marks {
     #[must_use]
     pub fn renamed(mut self, name: impl Fn(&str) -> Option<String>) -> Self {
         let other = |old: String| name(&old).map(|new| (old, new));
-        let names: BTreeMap<String, String> = self.names().into_iter().filter_map(other).collect();
+        let names: BTreeMap<String, String> =
+            names_of(self.marks.iter()).into_iter().filter_map(other).collect();
         for mark in &mut self.marks {
             if let Some(new) = names.get(&mark.name) {
                 mark.name.clone_from(new);
             }
         }
-        self
+        Self::unchecked(self.marks)
     }
 
     /// Returns the marks on some frames.
@@ -177,20 +200,55 @@ impl Marks {
         self.filtered(|mark| frames.contains(&mark.frame))
     }
 
-    /// Returns those marks that `is_wanted`.
+    /// Returns those marks that count and that `is_wanted`.
     pub(super) fn filtered(&self, is_wanted: impl Fn(&Mark) -> bool) -> Self {
-        Self { marks: self.marks.iter().filter(|mark| is_wanted(mark)).cloned().collect() }
+        let marks: Vec<Mark> = self.standing().filter(|mark| is_wanted(mark)).cloned().collect();
+        Self { standing: (0..marks.len()).collect(), marks }
     }
 
-    /// Returns the marks on a frame.
+    /// Returns the marks on a frame that count.
     pub fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
-        self.marks.iter().filter(move |m| m.frame == frame)
+        self.standing().filter(move |m| m.frame == frame)
     }
+}
+
+/// Returns the places of marks that count, ascending: each mark once, without those whose opposite is there,
+/// too.
+fn standing(marks: &[Mark]) -> Vec<usize> {
+    // First place of each mark, denied and added.
+    let mut places: HashMap<(usize, &str, String), [Option<usize>; 2]> = HashMap::new();
+    for (i, mark) in marks.iter().enumerate() {
+        let both = places.entry((mark.frame, mark.name.as_str(), mark.shape.written())).or_default();
+        let place = &mut both[usize::from(mark.add)];
+        *place = place.or(Some(i));
+    }
+    let mut standing: Vec<usize> =
+        places.into_values().filter_map(|[denied, added]| denied.xor(added)).collect();
+    standing.sort_unstable();
+    standing
+}
+
+/// Returns the names of marks, sorted, each once.
+fn names_of<'a>(marks: impl Iterator<Item = &'a Mark>) -> Vec<String> {
+    let names: BTreeSet<&str> = marks.map(|mark| mark.name.as_str()).collect();
+    names.into_iter().map(str::to_owned).collect()
 }
 
 /// Returns `true` if plain words can be the name of a mark. Nobody could look for signs alone.
 pub fn is_name(words: &str) -> bool {
-    words.contains(char::is_alphanumeric)
+    problem_of_name(words).is_none()
+}
+
+/// Returns the reason why words cannot be the name of a mark, if there is one.
+fn problem_of_name(words: &str) -> Option<String> {
+    let length = words.chars().count();
+    if words.contains(char::is_control) {
+        return Some("its name has control characters".into());
+    }
+    if length > MOST_CHARACTERS {
+        return Some(format!("its name has {length} characters, more than {MOST_CHARACTERS}"));
+    }
+    (!words.contains(char::is_alphanumeric)).then(|| "it has no name".into())
 }
 
 /// Returns the SHA-256 over marks in a fixed order, hexadecimal.
@@ -201,9 +259,13 @@ fn digest<'a>(marks: impl Iterator<Item = &'a Mark>) -> String {
     sha256(lines.join("\n").as_bytes())
 }
 
-/// Returns the words that name a mark in messages.
+/// Returns the words that name a mark in messages. Of a long name, they hold the beginning.
 fn name_of(i: usize, name: &str, frame: Option<usize>) -> String {
     let on = frame.map_or(String::new(), |frame| format!(" on frame {frame}"));
+    let mut name = name.replace(char::is_control, "\u{fffd}");
+    if name.chars().count() > MOST_CHARACTERS {
+        name = name.chars().take(MOST_CHARACTERS_TOLD).chain(['…']).collect();
+    }
     if name.is_empty() { format!("marks[{i}]{on}") } else { format!("marks[{i}] (\"{name}\"{on})") }
 }
 

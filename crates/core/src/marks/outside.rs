@@ -30,15 +30,15 @@ impl Marks {
             let is_some = shown.data.contains(&true) && outside.data.contains(&true);
             is_some.then(|| Mark::new(frame, &name, false, Shape::from(&outside)))
         });
-        Self { marks: self.marks.iter().cloned().chain(denied.collect::<Vec<_>>()).collect() }
+        let denied: Vec<Mark> = denied.collect();
+        Self::unchecked(self.standing().cloned().chain(denied).collect())
     }
 
     /// Returns the names that outlines show all of, with the frame.
     pub(super) fn outlined(&self, scene: &Scene) -> BTreeSet<(String, usize)> {
         let mut outlined = BTreeSet::new();
-        let standing = self.standing();
         for name in self.names().into_iter().filter(|name| !scene.finds(name)) {
-            let shown = || standing.iter().filter(|mark| mark.add && mark.name == name);
+            let shown = || self.standing().filter(|mark| mark.add && mark.name == name);
             if shown().any(|mark| !mark.shape.is_outlined()) {
                 continue;
             }
@@ -49,20 +49,6 @@ impl Marks {
             outlined.extend(complete.map(|(frame, _)| (name.clone(), frame)));
         }
         outlined
-    }
-
-    /// Returns the marks that no opposite takes back.
-    fn standing(&self) -> Vec<&Mark> {
-        let mut on: BTreeMap<(usize, &str), Vec<&Mark>> = BTreeMap::new();
-        for mark in &self.marks {
-            on.entry((mark.frame, &mark.name)).or_default().push(mark);
-        }
-        let stands = |mark: &&Mark| {
-            let same = on[&(mark.frame, &*mark.name)].iter().filter(|other| other.shape == mark.shape);
-            let (alike, opposite): (Vec<&Mark>, Vec<&Mark>) = same.partition(|other| other.add == mark.add);
-            alike.len() > opposite.len()
-        };
-        self.marks.iter().filter(stands).collect()
     }
 }
 

@@ -151,7 +151,7 @@ mod tests {
     fn plan(marks: &[(usize, &str, bool)]) -> Plan {
         let click = Shape::Click { point_px: [2.5, 2.5], radius_px: 1.0 };
         let mark = |&(frame, name, add): &(usize, &str, bool)| Mark::new(frame, name, add, click.clone());
-        let marks = Marks { marks: marks.iter().map(mark).collect() };
+        let marks = Marks::unchecked(marks.iter().map(mark).collect());
         let names = marks.names();
         let of = |frame| (frame, Evidence::of(&marks, frame, &names, [8, 8]));
         let frames = marks.frames();
@@ -188,7 +188,7 @@ mod tests {
     fn frames_with_outlines_alone_have_no_guides() {
         let outline = Shape::Box { corners_px: [[1.0, 1.0], [6.0, 6.0]] };
         let marks = [3, 4].map(|frame| Mark::new(frame, "liver", true, outline.clone()));
-        let marks = Marks { marks: marks.into() };
+        let marks = Marks::unchecked(marks.into());
         let evidence = [3, 4].map(|frame| (frame, Evidence::of(&marks, frame, &marks.names(), [8, 8])));
         let plan = Plan::of(&evidence.into(), &BTreeSet::new(), 1);
         assert!(plan.guides(4).is_empty() && plan.knows_all_names(4, &BTreeSet::new()));

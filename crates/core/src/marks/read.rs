@@ -13,6 +13,7 @@ use crate::{
     reading::{opacity, picture, picture_size},
     sequence::Sequence,
 };
+use serde::de::IgnoredAny;
 use serde_json::Value;
 use std::path::Path;
 
@@ -44,7 +45,7 @@ impl Marks {
             let references = recording().map_or_else(|| Ok(References::new()), |r| references(&r, canvas))?;
             Self::of_annotations(annotations::read_with(path, canvas, &references)?, canvas)?
         } else {
-            let bytes = annotations::bytes_of(path)?;
+            let bytes = annotations::bytes_of(path, "read the marks")?;
             let folder = path.parent().unwrap_or(Path::new("."));
             Self::parse(&bytes, folder, canvas).map_err(|e| annotations::in_file(e, path))?
         };
@@ -56,13 +57,16 @@ impl Marks {
 
     /// Reads marks from the bytes of a file; `folder` is where it lies.
     pub fn parse(bytes: &[u8], folder: &Path, canvas: &Canvas) -> Result<Self> {
+        let none = |e: &dyn std::fmt::Display| Error::input(format!("this is no file of marks: {e}"), FORM);
+        if is_bare_list(bytes) {
+            return Err(none(&"the list must be in {\"marks\": […]}"));
+        }
         if let Some(found) = annotations::parse(bytes, canvas)? {
             return Self::of_annotations(found, canvas);
         }
-        let none = |e: &dyn std::fmt::Display| Error::input(format!("this is no file of marks: {e}"), FORM);
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let text = str::from_utf8(bytes).map_err(|e| none(&e))?;
-        let json: Value = serde_json::from_str(&without_nan(text)).map_err(|e| none(&e))?;
+        let json: Value = serde_json::from_str(&without_infinite(text)).map_err(|e| none(&e))?;
         let Some(Value::Array(entries)) = json.get("marks") else {
             return Err(none(&"it has no list \"marks\""));
         };
@@ -99,10 +103,22 @@ fn mark(i: usize, entry: &Value, folder: &Path, canvas: &Canvas) -> Result<Mark>
     let name = entry.get("name").and_then(Value::as_str).unwrap_or_default();
     let frame = entry.get("frame").and_then(whole_number);
     let which = name_of(i, name, frame);
-    let entry: MarkEntry =
-        serde_json::from_value(entry.clone()).map_err(|e| bad_mark(&which, &e.to_string()))?;
     let read_mask = |name: &str| mask(&folder.join(name), canvas);
-    entry.mark(read_mask).map_err(|problem| bad_mark(&which, &problem))
+    let mark = MarkEntry::of(entry).and_then(|entry| entry.mark(read_mask));
+    mark.map_err(|problem| bad_mark(&which, &problem))
+}
+
+/// Returns `true` for a list of marks alone, which could be taken for one of Label Studio's tasks.
+fn is_bare_list(bytes: &[u8]) -> bool {
+    #[derive(serde::Deserialize)]
+    struct Keys {
+        kind: Option<IgnoredAny>,
+        points_px: Option<IgnoredAny>,
+    }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    let is_mark = |keys: &Keys| keys.kind.is_some() || keys.points_px.is_some();
+    let is_list = bytes.first() == Some(&b'[');
+    is_list && serde_json::from_slice::<Vec<Keys>>(bytes).is_ok_and(|entries| entries.iter().any(is_mark))
 }
 
 /// Reads a mask picture of the recording's size.
@@ -120,19 +136,19 @@ fn mask(path: &Path, canvas: &Canvas) -> Result<Mask, String> {
     Ok(values.map(|v| u32::from(*v) * 2 >= highest && *v > 0))
 }
 
-/// Replaces numbers that JSON does not have, NaN and infinities, by null, so that the mark that holds one can
-/// be named.
-fn without_nan(text: &str) -> String {
+/// Replaces what is no finite number, NaN, infinities and numbers like 1e400, by null, so that the mark that
+/// holds one can be named.
+fn without_infinite(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let (mut rest, mut in_text) = (text, false);
     while let Some(c) = rest.chars().next() {
-        let none = ["NaN", "-Infinity", "Infinity"].into_iter().find(|n| !in_text && rest.starts_with(n));
-        if let Some(none) = none {
+        let length = if in_text { 0 } else { length_of_infinite(rest) };
+        if length > 0 {
             out.push_str("null");
-            rest = &rest[none.len()..];
+            rest = &rest[length..];
             continue;
         }
-        let mut taken = c.len_utf8();
+        let mut taken = if in_text { c.len_utf8() } else { length_of_number(rest).max(c.len_utf8()) };
         match c {
             // The next letter belongs to it.
             '\\' if in_text => taken += rest[1..].chars().next().map_or(0, char::len_utf8),
@@ -143,4 +159,20 @@ fn without_nan(text: &str) -> String {
         rest = &rest[taken..];
     }
     out
+}
+
+/// Returns the length of the number that is not finite at the beginning of a text; 0 if there is none.
+fn length_of_infinite(text: &str) -> usize {
+    if let Some(word) = ["NaN", "-Infinity", "Infinity"].into_iter().find(|word| text.starts_with(word)) {
+        return word.len();
+    }
+    let number = &text[..length_of_number(text)];
+    if number.parse::<f64>().is_ok_and(f64::is_infinite) { number.len() } else { 0 }
+}
+
+/// Returns the length of the number at the beginning of a text; 0 if there is none.
+fn length_of_number(text: &str) -> usize {
+    let is_part = |c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.' | 'e' | 'E');
+    let starts = text.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+    if starts { text.find(|c: char| !is_part(c)).unwrap_or(text.len()) } else { 0 }
 }

@@ -64,7 +64,7 @@ impl Examples {
                 || outlined.contains(&(name.to_owned(), *frame))
         };
         let shown =
-            source_marks.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
+            source_marks.standing().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
         let shown = shown.filter(is_example);
         shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
     }

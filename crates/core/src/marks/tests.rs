@@ -5,14 +5,13 @@ use crate::{
     deform::Deformation,
     gaussian::{Gaussians, SH_C0},
     grid::{Grid, Mask},
-    mask::{column_runs, compressed},
     num::logit,
     raster::{CpuRenderer, Renderer},
     scene::{Provenance, Scene},
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::{path::Path, sync::Arc};
+use std::sync::Arc;
 
 pub(super) const SIZE: [usize; 2] = [64, 48];
 pub(super) const FRAMES: usize = 4;
@@ -217,7 +216,7 @@ fn an_outlined_structure_ends_at_its_outline() {
     let pointed_at = stroke(3, "liver", true, &[[8.0, 10.0]]);
     assert!(denied(&marks(&[whole.clone(), pointed_at])).is_empty(), "what is pointed at goes on");
     let opposite = Mark { add: false, ..whole.clone() };
-    assert_eq!(denied(&marks(&[whole, opposite])), [1], "the opposite alone");
+    assert!(denied(&marks(&[whole, opposite])).is_empty(), "nothing is left");
 }
 
 #[test]
@@ -253,6 +252,17 @@ fn denied_pixels_are_not_found() {
 }
 
 #[test]
+fn what_is_denied_leaves_the_lead_of_other_names() {
+    let not_fat = Mark::new(0, "fat", false, Shape::Box { corners_px: [[0.0; 2], [1.0, 1.0]] });
+    let names = ["fat", "liver"].map(str::to_owned);
+    let evidence = Evidence::of(&Marks::unchecked(vec![not_fat]), 0, &names, [2, 1]);
+    let mut shares = [vec![0.4; 2], vec![0.5; 2]];
+    carried::keep_marked(&evidence, &mut shares);
+    let [before, after] = [0.5 / 0.9, shares[1][0]];
+    assert!((after - before).abs() < 1e-3 && shares[0] == [0.0, 0.4] && shares[1][1] == 0.5, "{shares:?}");
+}
+
+#[test]
 fn a_correction_changes_its_surroundings_alone() {
     let scene = scene();
     let graph = Arc::new(Graph::of(&scene));
@@ -268,12 +278,14 @@ fn a_correction_changes_its_surroundings_alone() {
     correction(&marks).apply(&scene, view, Some(3), &mut scores);
     assert!(scores.at(8, 6) < 0.5 && (scores.at(60, 44) - 0.8).abs() < 1e-3);
     let opposite = stroke(0, "liver", true, &[[6.0, 6.0], [10.0, 6.0]]);
-    let both = Marks::new(vec![marks.all()[0].clone(), opposite], &canvas()).unwrap();
+    // The same pixels, but not the same shape.
+    let longer = stroke(0, "liver", true, &[[6.0, 6.0], [8.0, 6.0], [10.0, 6.0]]);
+    let both = Marks::new(vec![marks.all()[0].clone(), longer], &canvas()).unwrap();
     let mut unchanged = Grid::filled(SIZE[0], SIZE[1], 0.8);
     correction(&both).apply(&scene, view, Some(0), &mut unchanged);
     assert_eq!(unchanged, Grid::filled(SIZE[0], SIZE[1], 0.8));
     // What was found already is no news.
-    let same = Marks::new(vec![both.all()[1].clone()], &canvas()).unwrap();
+    let same = Marks::new(vec![opposite], &canvas()).unwrap();
     correction(&same).apply(&scene, view, Some(3), &mut unchanged);
     assert_eq!(unchanged, Grid::filled(SIZE[0], SIZE[1], 0.8));
 }
@@ -313,6 +325,63 @@ fn one_frame_in_doubt_counts_less_than_several_beside_each_other() {
     assert_eq!(LookHere::best(&places).map(|best| best.frame), Some(10));
     assert_eq!(LookHere::best(&places[5..]).map(|best| best.frame), Some(40));
     assert_eq!(LookHere::best(&[]), None);
+}
+
+#[test]
+fn a_mark_given_twice_is_taken_back_by_one_opposite() {
+    let fat = stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]);
+    let polygon = vec![[5.0, 5.0], [30.0, 8.0], [20.0, 44.0]];
+    let shapes = [
+        [
+            Shape::Box { corners_px: [[3.0, 20.0], [30.0, 4.0]] },
+            Shape::Box { corners_px: [[30.0, 4.0], [3.0, 20.0]] },
+        ],
+        [(); 2].map(|()| Shape::Polygon { points_px: polygon.clone() }),
+        [(); 2].map(|()| Shape::from(&Mask::from_vec(SIZE[0], SIZE[1], vec![true; SIZE[0] * SIZE[1]]))),
+        [(); 2].map(|()| Shape::Click { point_px: [8.0, 8.0], radius_px: 3.0 }),
+    ];
+    for [shape, same] in shapes {
+        let liver = |add: bool, shape: &Shape| Mark::new(0, "liver", add, shape.clone());
+        let given = vec![liver(true, &shape), liver(true, &shape), liver(false, &same), fat.clone()];
+        let marks = Marks::new(given.clone(), &canvas()).unwrap();
+        let alone = Marks::new(vec![fat.clone()], &canvas()).unwrap();
+        assert_eq!((marks.names(), marks.digest()), (alone.names(), alone.digest()), "{shape:?}");
+        assert_eq!((marks.all().len(), marks.standing().count()), (4, 1));
+        assert_eq!(scores(given, 0), scores(vec![fat.clone()], 0), "{shape:?}");
+    }
+}
+
+#[test]
+fn a_small_structure_marked_inside_a_large_one_is_found() {
+    let large = Shape::from(&Mask::from_vec(SIZE[0], SIZE[1], vec![true; SIZE[0] * SIZE[1]]));
+    let inside = [
+        stroke(0, "duct", true, &[[10.0, 10.0], [20.0, 10.0]]),
+        Mark::new(0, "duct", true, Shape::Box { corners_px: [[8.0, 8.0], [20.0, 16.0]] }),
+        Mark::new(0, "duct", true, Shape::Polygon { points_px: vec![[8.0, 8.0], [24.0, 8.0], [8.0, 20.0]] }),
+    ];
+    for small in inside {
+        let pixels = small.shape.pixels(SIZE[0], SIZE[1]);
+        let large = Mark::new(0, "liver", true, large.clone());
+        let found = [vec![small.clone(), large.clone()], vec![large, small]].map(|marks| scores(marks, 0));
+        assert_eq!(found[0], found[1]);
+        let (names, found) = &found[0];
+        assert_eq!(*names, ["duct", "liver"]);
+        for (i, is_duct) in pixels.data.iter().enumerate() {
+            assert_eq!([0, 1].map(|k| found.scores[k].data[i] > 0.5), [*is_duct, !is_duct], "pixel {i}");
+        }
+    }
+}
+
+#[test]
+fn a_name_that_is_only_denied_is_not_marked() {
+    let liver = stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]);
+    let not_fat = stroke(0, "fat", false, &[[12.0, 20.0], [16.0, 20.0]]);
+    let marks = Marks::new(vec![liver.clone(), not_fat.clone()], &canvas()).unwrap();
+    assert_eq!(
+        (marks.names(), marks.shown_names()),
+        (vec!["fat".into(), "liver".into()], vec!["liver".into()])
+    );
+    assert_eq!(scores(vec![liver.clone(), not_fat], 0), scores(vec![liver], 0));
 }
 
 /// Any few marks on the small canvas.
@@ -389,68 +458,23 @@ proptest! {
     fn a_mark_and_its_opposite_leave_nothing(marks in any_marks(), frame in 0..FRAMES) {
         let opposite = |mark: &Mark| Mark { add: !mark.add, ..mark.clone() };
         let both: Vec<Mark> = marks.iter().cloned().chain(marks.iter().map(opposite)).collect();
-        let (_, found) = scores(both, frame);
-        prop_assert!(found.scores.iter().all(|plane| plane.data.iter().all(|score| *score == 0.0)));
+        let (names, found) = scores(both, frame);
+        prop_assert!(names.is_empty() && found.scores.is_empty());
     }
 
     #[test]
     fn an_undone_mark_never_was(marks in any_marks(), extra in any_marks(), frame in 0..FRAMES) {
-        // Undone by its opposite, over whatever else was marked there.
+        // Undone by its opposite, over whatever else was marked there, but not twice.
+        let is_same = |a: &Mark, b: &Mark| a.frame == b.frame && a.shape == b.shape;
         let undone: Vec<Mark> = extra
             .iter()
+            .filter(|&m| !marks.iter().any(|mark| mark.name == marks[0].name && is_same(mark, m)))
             .map(|m| Mark::new(m.frame, &marks[0].name, m.add, m.shape.clone()))
             .flat_map(|mark| [Mark { add: !mark.add, ..mark.clone() }, mark])
             .chain(marks.iter().cloned())
             .collect();
         prop_assert_eq!(scores(undone, frame), scores(marks, frame));
     }
-}
-
-fn read(text: &str) -> Result<Marks> {
-    Marks::parse(text.as_bytes(), Path::new("."), &canvas())
-}
-
-fn refused(mark: &str) -> String {
-    read(&format!(
-        r#"{{"marks": [{{"frame": 0, "name": "fat", "kind": "click", "points_px": [[1, 1]]}}, {mark}]}}"#
-    ))
-    .unwrap_err()
-    .to_string()
-}
-
-#[test]
-fn a_file_of_marks_is_read() {
-    let marks = read(
-        r#"{"marks": [
-            {"frame": 2, "name": "Bile_Duct", "kind": "stroke", "add": false, "points_px": [[1, 2], [3.5, 4]], "radius_px": 2},
-            {"frame": 0, "name": "liver", "kind": "click", "points_px": [[64, 48]]},
-            {"frame": 0, "name": "liver", "kind": "box", "points_px": [[1, 1], [9, 9]]}]}"#,
-    )
-    .unwrap();
-    assert_eq!((marks.names(), marks.frames()), (vec!["bile duct".into(), "liver".into()], vec![0, 2]));
-    assert!(!marks.all()[0].add && marks.all()[1].add);
-    assert_eq!(marks.all()[1].shape, Shape::Click { point_px: [64.0, 48.0], radius_px: 6.0 });
-}
-
-#[test]
-fn marks_are_read_as_they_were_written() {
-    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 7 > 2).collect());
-    let marks = [
-        Shape::Click { point_px: [1.1, 2.0], radius_px: 0.5 },
-        Shape::Stroke { points_px: vec![[1.0 / 3.0, 2.0], [64.0, 48.0]], radius_px: 4.0 },
-        Shape::Polygon { points_px: vec![[5.0, 5.0], [60.0, 8.0], [30.0, 44.0]] },
-        Shape::Box { corners_px: [[9.0, 9.0], [1.0, 1.0]] },
-        Shape::from(&mask),
-    ];
-    let marks: Vec<Mark> = marks
-        .into_iter()
-        .enumerate()
-        .map(|(i, shape)| Mark::new(i % FRAMES, "bile duct", i % 2 > 0, shape))
-        .collect();
-    let marks = Marks::new(marks, &canvas()).unwrap();
-    assert_eq!(read(&marks.to_text().unwrap()).unwrap(), marks);
-    let runs = r#"{"frame": 1, "name": "fat", "kind": "mask", "mask": {"size": [48, 64], "counts": "1"}}"#;
-    assert!(refused(runs).contains("its mask is none"));
 }
 
 #[test]
@@ -473,116 +497,4 @@ fn more_marked_frames_than_are_kept_give_the_same_scores_in_any_order() {
         assert_eq!(found.scores.len(), 2, "on frame {frame}");
         assert_eq!(found, on(&[11, 3, 0, frame]), "on frame {frame}");
     }
-}
-
-#[test]
-fn a_bad_mark_is_named() {
-    for (mark, says) in [
-        (r#"{"frame": 9, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "there is no frame 9"),
-        (r#"{"frame": 1, "name": " ", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
-        (r#"{"frame": 1, "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
-        (r#"{"frame": 1, "name": "*?", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
-        (r#"{"frame": 1, "name": "🙂", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
-        (r#"{"frame": 1.5, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "a whole number"),
-        (r#"{"name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "no frame"),
-        (r#"{"frame": 1, "name": "liver", "points_px": [[1, 1]]}"#, "no kind"),
-        (r#"{"frame": 1, "name": "liver", "kind": "lasso"}"#, "lasso"),
-        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[NaN, 1]]}"#, "not a number"),
-        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[1, -Infinity]]}"#, "not a number"),
-        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[65, 1]]}"#, "outside"),
-        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": []}"#, "one point"),
-        (
-            r#"{"frame": 1, "name": "liver", "kind": "polygon", "points_px": [[1, 1], [2, 2]]}"#,
-            "three corners",
-        ),
-        (r#"{"frame": 1, "name": "liver", "kind": "mask", "mask": "nowhere.png"}"#, "nowhere.png"),
-        (r#"{"frame": 1, "name": "liver", "kind": "mask"}"#, "no mask picture"),
-        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[1, 1]], "size": 3}"#, "size"),
-        (r#"{"frame": -1, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "marks[1]"),
-    ] {
-        let message = refused(mark);
-        assert!(message.contains(says) && message.starts_with("marks[1]"), "{mark}: {message}");
-    }
-    assert!(read("{}").unwrap_err().to_string().contains("no list \"marks\""));
-    assert!(read("{").unwrap_err().to_string().contains("no file of marks"));
-    assert!(read("[").unwrap_err().to_string().contains("Label Studio"));
-}
-
-#[test]
-fn names_that_hold_what_json_lacks_are_left_alone() {
-    let marks = read(
-        r#"{"marks": [{"frame": 0, "name": "NaN \" Infinity", "kind": "click", "points_px": [[1, 1]]}]}"#,
-    );
-    assert_eq!(marks.unwrap().names(), ["na n \" infinity"]);
-}
-
-#[test]
-fn names_are_words_in_any_script() {
-    for name in ["胆のう", "печень", "กระเพาะ", "7", "+ liver"] {
-        assert!(
-            Mark::new(0, name, true, stroke(0, "fat", true, &[[8.0, 10.0]]).shape).fits(&canvas()),
-            "{name}"
-        );
-    }
-}
-
-#[test]
-fn coco_annotations_are_marks() {
-    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
-    let runs = serde_json::Value::from(compressed(&column_runs(&mask)));
-    let file = |annotation: &str| {
-        format!(
-            r#"{{"categories": [{{"id": 1, "name": "liver"}}],
-                "images": [{{"id": 7, "file_name": "0002.png", "frame": 2}}, {{"id": 8, "file_name": "picture_3.jpg"}}, {{"id": 9}}],
-                "annotations": [{annotation}]}}"#
-        )
-    };
-    let text = file(&format!(
-        r#"{{"image_id": 7, "category_id": 1, "segmentation": {{"size": [48, 64], "counts": {runs}}}}},
-           {{"image_id": 8, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}}"#
-    ));
-    let marks = read(&text).unwrap();
-    assert_eq!((marks.frames(), marks.names()), (vec![2, 3], vec!["liver".to_owned()]));
-    assert_eq!(marks.all()[0].shape, Shape::from(&mask));
-    for (annotation, says) in [
-        (r#"{"image_id": 9, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no frame"),
-        (r#"{"image_id": 7, "category_id": 2, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no category"),
-        (
-            r#"{"image_id": 7, "category_id": 1, "segmentation": {"size": [4800, 64], "counts": "0"}}"#,
-            "segmentation",
-        ),
-        (r#"{"image_id": 7, "category_id": 1, "segmentation": [[1, 1, 9]]}"#, "segmentation"),
-    ] {
-        let message = read(&file(annotation)).unwrap_err().to_string();
-        assert!(message.contains(says) && message.contains("annotations[0]"), "{message}");
-    }
-}
-
-#[test]
-fn dicom_segmentations_are_marks_and_labels() {
-    let folder = tempfile::tempdir().unwrap();
-    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
-    let file = crate::export::tests::segmentation_of(folder.path(), &mask, 2);
-    let marks = Marks::read(&file, &canvas()).unwrap();
-    assert_eq!((marks.frames(), marks.names()), (vec![2], vec!["liver".to_owned()]));
-    assert_eq!(marks.all()[0].shape, Shape::from(&mask));
-    let small = Canvas { width: 8, ..canvas() };
-    assert!(Marks::read(&file, &small).unwrap_err().to_string().contains("64×48"));
-    let short = Canvas { num_frames: 2, frame_names: Vec::new(), ..canvas() };
-    assert!(Marks::read(&file, &short).unwrap_err().to_string().contains("no frame"));
-
-    let recording = folder.path().join("recording");
-    std::fs::create_dir(&recording).unwrap();
-    for i in 0..4 {
-        let picture =
-            image::RgbImage::from_pixel(SIZE[0] as u32, SIZE[1] as u32, image::Rgb([90 + i, 80, 70]));
-        picture.save(recording.join(format!("{i}.png"))).unwrap();
-    }
-    let file = file.strip_prefix(folder.path()).unwrap();
-    let toml = format!("[labels]\nfile = \"../{}\"\n", file.display());
-    std::fs::write(recording.join("sequence.toml"), toml).unwrap();
-    let sequence = crate::sequence::Sequence::open(&recording).unwrap();
-    assert_eq!((sequence.classes()[0].name.as_str(), sequence.classes()[0].id), ("liver", 1));
-    assert_eq!(sequence.labels(1).unwrap(), None);
-    assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
 }

@@ -11,6 +11,9 @@ use std::sync::Arc;
 pub struct WordFacts {
     /// Names of listed classes that no training frame shows.
     pub unseen: Vec<String>,
+    /// `true` if the classes are the names of marks by hand: there may be more that nobody marked.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub from_marks: bool,
     /// Measure of how far the text encoder tells words apart; `None` if that was not measured.
     pub calibration: Option<Calibration>,
     /// Vectors of the vocabulary's texts ([`super::Space::texts`]), one after the other, so that no other

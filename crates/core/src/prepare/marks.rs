@@ -97,16 +97,19 @@ pub fn require_marks(
         }
         Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
     }
-    Err(nothing_marked(sequence, marks, &frames))
+    Err(nothing_marked(sequence, marks, eval))
 }
 
-/// Creates the error about marks that show nothing on the training frames `frames`, with the reason.
-fn nothing_marked(sequence: &Sequence, marks: &Marks, frames: &[usize]) -> Error {
-    let counts = |frame: usize| frames.binary_search(&frame).is_ok();
+/// Creates the error about marks that show nothing on the training frames, with the reason.
+fn nothing_marked(sequence: &Sequence, marks: &Marks, eval: bool) -> Error {
+    let used = sequence.used_frames(eval);
+    let counts = |frame: usize| used.binary_search(&frame).is_ok();
     let notes = marks.notes(&sequence.canvas(), sequence.field_of_view(), counts);
     let shows_some = marks.all().iter().any(|mark| mark.add && counts(mark.frame));
     let (why, hint): (String, &str) = match notes.is_empty() {
-        _ if frames.is_empty() => ("all marked frames are held out".into(), "Mark frames that are not."),
+        _ if !marks.all().iter().any(|mark| counts(mark.frame)) => {
+            ("all marked frames are held out".into(), "Mark frames that are not.")
+        }
         false => (notes.join("; "), "Mark what the endoscope shows."),
         true if shows_some => {
             ("the masks of the recording hide what is marked".into(), "Mark what these masks keep.")
@@ -123,14 +126,17 @@ fn marked_frames(sequence: &Sequence, marks: &Marks, eval: bool) -> Vec<usize> {
     marks.frames().into_iter().filter(|frame| used.binary_search(frame).is_ok()).collect()
 }
 
-/// Returns the place among `names` of what each supervised pixel is marked as; the first one of several.
+/// Returns the place among `names` of what each supervised pixel is marked as. Pixels that several names
+/// share belong to none.
 fn region_map(sequence: &Sequence, marks: &Marks, frame: usize, names: &[String]) -> Result<RegionMap> {
     let (width, height) = (sequence.width(), sequence.height());
     let evidence = Evidence::of(marks, frame, names, [width, height]);
     let keep = sequence.mask(frame)?;
     let mut map = RegionMap::filled(width, height, NO_REGION);
-    for (pixels, name) in evidence.shown() {
-        pixels.filter(|i| keep.data[*i]).for_each(|i| map.data[i] = name as u16);
+    for (pixels, shown) in evidence.all_shown() {
+        if let [name] = shown[..] {
+            pixels.filter(|i| keep.data[*i]).for_each(|i| map.data[i] = name as u16);
+        }
     }
     Ok(map)
 }

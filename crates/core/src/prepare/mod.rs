@@ -129,6 +129,7 @@ impl Prepared {
             ));
         }
         let vectors = manifest.read_vectors(path)?;
+        let from_marks = manifest.origin == Origin::Marks;
         let classes = manifest.classes.into_iter().zip(rows.outer_iter().map(|row| row.to_vec())).collect();
         Ok(Self {
             sequence,
@@ -136,7 +137,7 @@ impl Prepared {
             encoder: manifest.encoder,
             origin: manifest.origin,
             classes,
-            words: WordFacts { vectors, ..manifest.words },
+            words: WordFacts { from_marks, vectors, ..manifest.words },
             codec,
             latents,
             merged_frames: manifest.merged_frames,
@@ -171,8 +172,8 @@ impl Prepared {
     /// vocabulary's texts, one after the other.
     pub fn keep_words(&mut self, calibration: Calibration, vectors: Vec<f16>) -> Result<()> {
         let mut manifest = Manifest::read(&self.folder)?;
-        let unseen = std::mem::take(&mut self.words.unseen);
-        self.words = WordFacts { unseen, calibration: Some(calibration), vectors: vectors.into() };
+        let known = std::mem::take(&mut self.words);
+        self.words = WordFacts { calibration: Some(calibration), vectors: vectors.into(), ..known };
         manifest.words.clone_from(&self.words);
         manifest.write_vectors(&self.folder)?;
         manifest.write(&self.folder)

@@ -137,6 +137,7 @@ fn marked_pixels_have_the_rows_of_their_names() {
     };
     let prepared = prepare_from_marks(sequence, named(), true, &QUICK, &folder, &mut observer).unwrap();
     assert_eq!(prepared.classes.len(), 2, "the gallbladder is only in frame 1");
+    assert!(prepared.words.from_marks, "they are no list of all that there is");
     let name_at = |frame: usize, x: usize| {
         let row = prepared.regions(frame).unwrap()?.at(x, 6);
         prepared.classes.get(usize::from(row)).map(|(class, _)| class.name.clone())

@@ -175,8 +175,9 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     let size = [info.width, info.height];
     let is_denied = response.ctx.input(|i| i.modifiers.shift) == marking.adds;
     let add = draft.map_or(!is_denied, |draft| draft.mark.add);
+    let name = shared.document.joined_name(&marking.plain_name());
     let made = |shape: Shape| {
-        let mark = Mark::new(frame, &marking.name, add, shape);
+        let mark = Mark::new(frame, &name, add, shape);
         Draft { fits: mark.fits(&canvas(info)), mark }
     };
     let is_stopped = response.drag_stopped_by(PointerButton::Primary);

@@ -5,7 +5,7 @@ use crate::viewer::{
     panels::widgets::{caption, main_button},
     shared::Shared,
     state::exporting::Exporting,
-    text::{counted, duration, thousands},
+    text::{about, counted, thousands},
     theme,
 };
 use egui::{Button, Frame, Margin, ProgressBar, RichText, Ui};
@@ -40,7 +40,7 @@ fn running_ui(ui: &mut Ui, exporting: &Exporting) {
     if button.clicked() {
         task.cancel();
     }
-    let left = exporting.seconds_left().map(|seconds| format!("about {} left", duration(seconds)));
+    let left = exporting.seconds_left().map(|seconds| format!("{} left", about(seconds)));
     ui.label(caption(left.unwrap_or_else(|| "estimating the time…".into())));
 }
 

@@ -1,8 +1,14 @@
 //! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
 
 use crate::viewer::{
-    panels::{plates::Plates, widgets::swatch},
-    picture::{difference::difference_colour, found::Found, layer_colours::layer_colour, notes::Scale},
+    panels::{marking::FOUND_WHEN_READY, plates::Plates, prompts::NOTHING, widgets::swatch},
+    picture::{
+        difference::difference_colour,
+        found::Found,
+        layer_colours::layer_colour,
+        notes::Scale,
+        request::{AskedPrompt, Finding},
+    },
     shared::Shared,
     state::{content::PREVIEW, view_mode::ViewMode},
     text::percent,
@@ -62,19 +68,11 @@ struct Line<'a> {
 /// Returns one line per prompt of the shown picture.
 fn lines(shared: &Shared) -> Vec<Line<'_>> {
     let Some(picture) = shared.picture() else { return Vec::new() };
-    let line = |prompt: &crate::viewer::picture::request::AskedPrompt| {
+    let line = |prompt: &AskedPrompt| {
         let number = shared.document.prompts().iter().position(|p| p.id == prompt.id);
         let finding = picture.findings.iter().find(|f| f.id == prompt.id);
         let found = finding.and_then(|f| f.outcome.as_ref().ok());
-        let answer = finding.and_then(|f| f.answer.as_ref());
-        let value = match found {
-            Some(found) if found.area_px > 0 => format!("{} of the picture", percent(found.area_fraction)),
-            Some(_) => match answer.filter(|answer| !answer.may_be_found(prompt.threshold)) {
-                Some(answer) => answer.absence_in_short().into(),
-                None => "not on this frame".into(),
-            },
-            None => "no answer".into(),
-        };
+        let value = finding.map_or_else(|| NO_ANSWER.to_owned(), |finding| value(shared, prompt, finding));
         let text = match finding.and_then(|f| f.stand_in(prompt)) {
             Some(class) => format!("{class} (asked: {})", prompt.question.text),
             None => prompt.question.text.clone(),
@@ -93,6 +91,22 @@ fn lines(shared: &Shared) -> Vec<Line<'_>> {
         }
     };
     picture.request.prompts.iter().map(line).collect()
+}
+
+/// Message of a prompt that cannot be answered.
+const NO_ANSWER: &str = "no answer";
+
+/// Says what a prompt found in the shown picture, or why it found nothing, in a few words.
+pub(crate) fn value(shared: &Shared, asked: &AskedPrompt, finding: &Finding) -> String {
+    let Ok(found) = &finding.outcome else { return NO_ANSWER.into() };
+    if found.area_px > 0 {
+        return format!("{} of the picture", percent(found.area_fraction));
+    }
+    if shared.document.prompt(asked.id).is_some_and(|prompt| shared.waits_as_marked(prompt)) {
+        return FOUND_WHEN_READY.into();
+    }
+    let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(asked.threshold));
+    answer.map_or_else(|| NOTHING.to_lowercase(), |answer| answer.absence_in_short().into())
 }
 
 /// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.

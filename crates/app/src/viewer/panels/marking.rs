@@ -5,14 +5,20 @@ use crate::viewer::{
     command::{Command, entry},
     panels::widgets::{add_unless, caption, choice, focus_selecting},
     shared::Shared,
-    state::marking::{RADII_PX, Tool},
+    state::{
+        content::is_same_name,
+        excluded::EXCLUDED,
+        marking::{RADII_PX, Tool},
+    },
     theme,
 };
 use egui::{Align, Button, Frame, Id, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
-use surgtpgs_core::{marks::Mark, sequence::plain_words};
+use surgtpgs_core::marks::Mark;
 
 /// Message while marks wait.
 pub(crate) const WAITS: &str = "Marked; waits for the reconstruction";
+/// Value of a prompt in the picture while its marks wait.
+pub(crate) const FOUND_WHEN_READY: &str = "found when the reconstruction is ready";
 /// Number of names that are offered.
 const MAX_NAMES: usize = 14;
 
@@ -41,7 +47,11 @@ pub(crate) fn marking_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>
         tool_ui(ui, shared, actions);
         state_ui(ui, shared, actions);
     });
-    if shared.viewport.marking.wants_name {
+    let marking = &shared.viewport.marking;
+    if marking.is_just_taken {
+        actions.push(Action::marking(|m| m.is_just_taken = false));
+    }
+    if marking.is_just_taken || marking.wants_name {
         // If there is no room for all of it, its upper part with the name is shown.
         let is_high = shown.response.rect.height() > ui.clip_rect().height();
         shown.response.scroll_to_me(is_high.then_some(Align::Min));
@@ -81,7 +91,7 @@ fn name_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing = vec2(4.0, 4.0);
         for known in shared.known_names().into_iter().take(MAX_NAMES) {
-            let is_own = known.eq_ignore_ascii_case(marking.name.trim());
+            let is_own = is_same_name(&known, &marking.name);
             let button = Button::selectable(is_own, RichText::new(&known).font(theme::small())).truncate();
             let response = ui.add(button.frame_when_inactive(true));
             if response.on_hover_text(format!("Mark {known}")).clicked() {
@@ -107,11 +117,10 @@ fn tool_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 fn side_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let marking = &shared.viewport.marking;
     let mut adds = marking.adds;
-    let tip = |what: &str| format!("{what}. With Shift held, the other");
-    let options = [
-        (true, "This", tip("What you draw on is it"), true),
-        (false, "Not this", tip("What you draw on is not it; over marks of your own, it erases them"), true),
-    ];
+    let this = "What you draw on belongs to the structure. Hold Shift to draw on what does not";
+    let not_this = "What you draw on does not belong to the structure; drawn over your own marks, it erases \
+                    them. Hold Shift to draw on what does";
+    let options = [(true, "This", this.to_owned(), true), (false, "Not this", not_this.to_owned(), true)];
     choice(ui, &mut adds, &options);
     if adds != marking.adds {
         actions.push(Action::marking(move |m| (m.adds, m.draft) = (adds, None)));
@@ -140,8 +149,13 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     let (here, all) = (marks.on(frame).count(), marks.all().len());
-    let how = shared.viewport.marking.tool.label().1;
-    ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
+    if shared.is_left_out() {
+        let text = format!("{EXCLUDED}, and cannot be marked.");
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    } else {
+        let how = shared.viewport.marking.tool.label().1;
+        ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
+    }
     if shared.has_waiting_marks() {
         waits_ui(ui, shared);
     } else if here > 0 && shared.info().is_some_and(|info| info.is_unlearned(frame)) {
@@ -174,12 +188,12 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Share of the picture from which on a structure probably takes what is not of it.
 const LARGE: f32 = 0.25;
 
-/// Returns `true` if something is marked that the recording has no class for, nothing says what it is not,
-/// and it is alone or found nearly everywhere.
+/// Returns `true` if what the tool marks is marked already, the recording has no class for it, nothing says
+/// what it is not, and it is alone or found nearly everywhere.
 fn lacks_opposite(shared: &Shared) -> bool {
-    let marks = shared.document.marks();
+    let (marks, tool) = (shared.document.marks(), shared.viewport.marking.plain_name());
     let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
-    let is_new = |name: &&str| !classes.iter().any(|class| plain_words(class) == *name);
+    let is_new = |name: &&str| !classes.iter().any(|class| is_same_name(class, name));
     let new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
     let is_large = |name: &str| {
         let prompt = shared.document.prompts().iter().find(|p| p.is_marked_as(name));
@@ -191,18 +205,19 @@ fn lacks_opposite(shared: &Shared) -> bool {
         let own: Vec<&Mark> = marks.all().iter().filter(|mark| mark.name == name).collect();
         own.iter().all(|mark| mark.add) && own.iter().any(|mark| !mark.shape.is_outlined())
     };
-    new.iter().any(|name| is_open(name) && (new.len() == 1 || is_large(name)))
+    let own = new.iter().find(|name| is_same_name(name, &tool));
+    own.is_some_and(|name| is_open(name) && (new.len() == 1 || is_large(name)))
 }
 
 /// Says that marks wait for a reconstruction.
 fn waits_ui(ui: &mut Ui, shared: &Shared) {
     let made_before = shared.info().is_some_and(|info| info.made_before.is_some());
-    let text = match shared.will_find_words() {
-        Some(_) => "What you marked is found on every frame as soon as the reconstruction is ready.",
-        None if made_before => "What you marked is found on every frame once you open the reconstruction.",
-        None => {
-            "What you marked is found on every frame once this recording is reconstructed: press Reconstruct."
-        }
+    let text = if shared.is_to_be_reconstructed() {
+        "What you marked is found on every frame as soon as the reconstruction is ready."
+    } else if made_before {
+        "What you marked is found on every frame once you open the reconstruction."
+    } else {
+        "What you marked is found on every frame once this recording is reconstructed: press Reconstruct."
     };
     ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     ui.add_space(4.0);

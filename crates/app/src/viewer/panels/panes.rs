@@ -47,7 +47,7 @@ pub(crate) fn panes<'a>(shared: &'a Shared, area: Rect, ui: &Ui) -> Vec<PaneView
         texture: texture.cloned(),
         label,
         is_synthesised,
-        has_outlines: with_marks && ["Recorded", "Reconstruction"].contains(&label),
+        has_outlines: with_marks && ["Recorded", "Reconstruction", "Depth"].contains(&label),
     };
     let reconstruction = (shown.reconstruction.texture(with_marks), "Reconstruction");
     let depth = match shown.layer() {

@@ -17,7 +17,7 @@ use crate::viewer::{
     },
     picture::{found::Found, request::Finding},
     shared::Shared,
-    state::content::{PREVIEW, Prompt},
+    state::content::{PREVIEW, Prompt, is_same_name},
     text::{percent, sentence},
     theme,
 };
@@ -26,6 +26,8 @@ use surgtpgs_core::overlay::OverlayStyle;
 
 /// Message of a prompt that is known to the recording but not found on the frame.
 pub(crate) const NOTHING: &str = "Not on this frame";
+/// Message of all prompts on a frame that is left out.
+const LEFT_OUT: &str = "Left out";
 /// Message of a prompt that has no answer yet.
 pub(crate) const ENCODING: &str = "Looking for it…";
 /// Message where prompts cannot be asked.
@@ -121,11 +123,14 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Shows the result of the words being typed, before Enter adds them.
 fn preview_ui(ui: &mut Ui, shared: &Shared) {
     let live = shared.prompt_box.live();
-    let is_added = shared.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(live));
+    let is_added = shared.document.prompts().iter().any(|p| is_same_name(&p.text, live));
     if live.is_empty() || is_added {
         return;
     }
-    let state = state_text(shared.finding(PREVIEW, live), shared.document.default_threshold());
+    let state = match shared.is_left_out() {
+        true => (LEFT_OUT.to_owned(), theme::TEXT_WEAK),
+        false => state_text(shared.finding(PREVIEW, live), shared.document.default_threshold()),
+    };
     ui.horizontal_wrapped(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::hover());
         swatch(ui.painter(), rect, shared.document.next_colour(), "");
@@ -223,11 +228,13 @@ fn row_ui(
     let row = frame.stroke(Stroke::new(1.0, line)).show(ui, |ui| {
         ui.set_width(ui.available_width());
         let menu_button = head_ui(ui, shared, actions, index, prompt);
-        let finding = shared.finding(prompt.id, &prompt.text);
-        let is_marked = shared.document.marks().names().into_iter().any(|name| prompt.is_marked_as(name));
+        let is_left_out = shared.is_left_out();
+        let finding = shared.finding(prompt.id, &prompt.text).filter(|_| !is_left_out);
         let (text, colour) = if !prompt.is_visible {
             ("Hidden".to_owned(), theme::TEXT_WEAK)
-        } else if is_marked && shared.has_waiting_marks() {
+        } else if is_left_out && shared.can_ask() {
+            (LEFT_OUT.to_owned(), theme::TEXT_WEAK)
+        } else if shared.waits_as_marked(prompt) {
             (WAITS.to_owned(), theme::TEXT_WEAK)
         } else if !shared.can_ask() {
             (unanswered_text(shared), theme::TEXT_WEAK)
@@ -388,7 +395,7 @@ fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color
     match finding.map(|f| &f.outcome) {
         None => (ENCODING.into(), theme::TEXT_WEAK),
         Some(Err(problem)) => (problem.clone(), theme::ERROR),
-        Some(Ok(found)) if found.area_px == 0 && threshold >= found.max_score => {
+        Some(Ok(found)) if found.area_px == 0 => {
             let answer = finding.and_then(|f| f.answer.as_ref());
             let text = match answer.filter(|answer| !answer.may_be_found(threshold)) {
                 None => NOTHING.to_owned(),

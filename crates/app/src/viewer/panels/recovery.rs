@@ -61,10 +61,8 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
         ui.horizontal_wrapped(|ui| {
             let restore = ui.add(main_button("Restore")).clicked();
             let later = ui.button("Ask again next time").clicked();
-            let tip = format!(
-                "Forget it for good. What is restored can be saved: {}",
-                shared.tooltip(Command::SaveSession)
-            );
+            let tip = "Forget it for good. To keep it, restore it and save the session";
+            let tip = shared.with_keys(tip, Command::SaveSession);
             let discard = ui.button("Discard").on_hover_text(tip).clicked();
             (restore, later, discard)
         })

@@ -76,7 +76,7 @@ fn begin_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, command: Co
 }
 
 fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    let recent = &shared.preferences.recent;
+    let recent = shared.recent();
     if recent.is_empty() {
         return;
     }
@@ -93,7 +93,7 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             let place = path.display().to_string();
             let response = ui.add_enabled(exists, button).on_hover_text(&place);
             if response.on_disabled_hover_text(&place).clicked() {
-                actions.push(Action::Open(path.clone()));
+                actions.push(Action::Open(path.to_owned()));
             }
             ui.add(egui::Label::new(caption(folder)).truncate());
         });

@@ -1,6 +1,8 @@
 //! Suggested prompts: words used before, the classes of the recording, and common words of an operation.
 
-use crate::viewer::{action::Action, panels::widgets::caption, shared::Shared, theme};
+use crate::viewer::{
+    action::Action, panels::widgets::caption, shared::Shared, state::content::is_same_name, theme,
+};
 use egui::{Button, Popup, PopupCloseBehavior, RichText, ScrollArea, Ui};
 
 /// Things to find in common operations, named as in public data sets.
@@ -79,7 +81,7 @@ fn words_ui<'a>(
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing = egui::vec2(4.0, 4.0);
         for word in words {
-            let is_there = shared.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(word));
+            let is_there = shared.document.prompts().iter().any(|p| is_same_name(&p.text, word));
             let button = Button::selectable(is_there, RichText::new(word).font(theme::small()));
             if ui.add(button.frame_when_inactive(true)).clicked() {
                 actions.push(Action::AddPrompt(word.to_owned()));

@@ -16,7 +16,7 @@ use crate::viewer::{
     },
     shared::{Dialog, Shared},
     state::reconstruction::Training,
-    text::{duration, thousands},
+    text::{about, duration, thousands},
     theme,
 };
 use egui::{CollapsingHeader, Context, Frame, Margin, ProgressBar, RichText, Ui};
@@ -36,8 +36,8 @@ fn label(quality: Quality) -> (&'static str, &'static str) {
 struct Asked {
     request: TrainRequest,
     has_labels: bool,
-    /// Expected duration of each quality, seconds.
-    expected_seconds: [f64; Quality::ALL.len()],
+    /// Expected duration of each quality, seconds; `None` before the first training on this computer.
+    expected_seconds: [Option<f64>; Quality::ALL.len()],
     /// Number of parts that the recording is learned in.
     chapters: usize,
     /// The networks to choose, and their check.
@@ -75,12 +75,14 @@ impl Asked {
         let (scene, replaces, features) = (free.clone(), false, None);
         let request = TrainRequest { recording, scene, replaces, quality, excluded, words, features };
         let pace = shared.preferences.seconds_per_step_and_pixel;
+        let expected = |quality: Quality| {
+            pace.map(|pace| quality.expected_seconds(info.num_frames, [info.width, info.height], Some(pace)))
+        };
         Some(Self {
             request,
             has_labels: info.has_labels,
             chapters: TrainSettings::default().expected_chapters(info.num_frames),
-            expected_seconds: Quality::ALL
-                .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
+            expected_seconds: Quality::ALL.map(expected),
             models,
             stopped,
             offered: free.clone(),
@@ -252,7 +254,7 @@ fn progress_ui(ui: &mut Ui, shared: &Shared, training: &Training) {
     let left = match training.seconds_left() {
         _ if progress.is_unsaved() => "tried every second".into(),
         _ if training.task.is_paused() => "paused".into(),
-        Some(seconds) => format!("about {} left", duration(seconds)),
+        Some(seconds) => format!("{} left", about(seconds)),
         None => "estimating the time…".into(),
     };
     let elapsed = format!("{} so far", duration(training.seconds()));
@@ -366,7 +368,8 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, memory_warning: Opt
     ui.add_space(8.0);
     for (quality, seconds) in Quality::ALL.into_iter().zip(asked.expected_seconds) {
         let (label, purpose) = label(quality);
-        let text = format!("{label}: {purpose}, about {}", duration(seconds));
+        let time = seconds.map_or_else(String::new, |seconds| format!(", {}", about(seconds)));
+        let text = format!("{label}: {purpose}{time}");
         ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);

@@ -8,6 +8,7 @@ use crate::viewer::{
     panels::{
         drawing::{self, Drawing},
         legend,
+        marking::FOUND_WHEN_READY,
         outlines::paint_outlines,
         panes::{PaneView, panes},
         plates::Plates,
@@ -29,7 +30,7 @@ use crate::viewer::{
         view_mode::ViewMode,
         zoom::{Panes, Zoom},
     },
-    text::{percent, sentence, timecode},
+    text::{sentence, timecode},
     theme,
 };
 use egui::{
@@ -368,12 +369,16 @@ fn notice(shared: &Shared, with_marks: bool) -> Option<(String, Color32)> {
     }
     let answers: Vec<_> = picture.findings.iter().filter_map(|f| f.outcome.as_ref().ok()).collect();
     let is_nothing = with_marks && !answers.is_empty() && answers.iter().all(|f| f.area_px == 0);
-    is_nothing.then(|| (nothing_found(picture), theme::AMBER))
+    is_nothing.then(|| (nothing_found(shared, picture), theme::AMBER))
 }
 
 /// Says that nothing was found, and why, if that is the same for all prompts.
-fn nothing_found(picture: &Picture) -> String {
+fn nothing_found(shared: &Shared, picture: &Picture) -> String {
+    let waits = |id| shared.document.prompt(id).is_some_and(|prompt| shared.waits_as_marked(prompt));
     let reason = |(finding, prompt): (&Finding, &AskedPrompt)| {
+        if waits(prompt.id) {
+            return FOUND_WHEN_READY;
+        }
         let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(prompt.threshold));
         answer.map_or(NOTHING, Answer::absence)
     };
@@ -417,10 +422,9 @@ fn describe(shared: &Shared, panes: &[PaneView]) -> String {
     if let Some(words) = shared.clean_up_words().filter(|_| !picture.findings.is_empty()) {
         text += &format!(", {words}");
     }
-    for finding in &picture.findings {
-        if let Ok(found) = &finding.outcome {
-            let share = percent(found.area_fraction);
-            text += &format!(", {} {share} of the picture", finding.text);
+    for finding in picture.findings.iter().filter(|finding| finding.outcome.is_ok()) {
+        if let Some(asked) = picture.request.prompts.iter().find(|asked| asked.id == finding.id) {
+            text += &format!(", {} {}", finding.text, legend::value(shared, asked, finding));
         }
     }
     text

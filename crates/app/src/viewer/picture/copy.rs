@@ -5,7 +5,7 @@ use crate::viewer::{
         marks::color_image,
         request::{Outlines, Picture},
     },
-    state::view_mode::ViewMode,
+    state::view_mode::{Layer, ViewMode},
 };
 use egui::{ColorImage, Rect};
 use image::{RgbImage, imageops};
@@ -69,7 +69,10 @@ fn parts(picture: &Picture, shown: Shown<'_>) -> Vec<RgbImage> {
         Some(if shown.is_hidden { drawn } else { outlined(drawn, &picture.outlines) })
     };
     let (recorded, made) = (pane(&picture.original), pane(&picture.reconstruction));
-    let layer = picture.layer.as_ref().map(|l| rgb(&l.image));
+    let layer = picture.layer.as_ref().map(|l| {
+        let is_bare = shown.is_hidden || l.layer != Layer::Depth;
+        if is_bare { rgb(&l.image) } else { outlined(rgb(&l.image), &picture.outlines) }
+    });
     let parts = match shown.mode {
         ViewMode::Original | ViewMode::Blink => vec![recorded.or(made).or(layer)],
         ViewMode::Reconstruction => vec![made.or(recorded).or(layer)],

@@ -2,7 +2,7 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::{Pending, Question, frames_around};
+use crate::engine::{Answer, Pending, Question, frames_around};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Parts, Rendering},
     picture::{
@@ -301,7 +301,11 @@ impl Pipeline {
         let (frame, new) = self.counted.as_ref()?.next(&prompts)?;
         let questions: Vec<Question> = new.iter().map(|m| m.question.clone()).collect();
         let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?)?;
-        let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
+        let unmarked = self.cannot_be_looked_for(&questions);
+        let levels = |(k, measure): (usize, &Measure)| {
+            let scores = answers.get(k)?.as_ref().ok()?;
+            (!unmarked.contains(&k)).then(|| measure.levels(scores))
+        };
         let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
         let marks = self.marks.clone();
         let look_here = if marks.is_empty() { None } else { self.source.look_here(frame).ok().flatten() };
@@ -312,6 +316,17 @@ impl Pipeline {
         counted.note(&measured);
         measured.forgotten = counted.forget(&prompts);
         Some(measured)
+    }
+
+    /// Returns the places of the questions that cannot be looked for: only what is marked can be, and they mean
+    /// none of it.
+    fn cannot_be_looked_for(&mut self, questions: &[Question]) -> Vec<usize> {
+        if self.source.info().has_features {
+            return Vec::new();
+        }
+        let said = self.source.answers(questions);
+        let needs_mark = |answer: &Option<Answer>| answer.as_ref().is_some_and(|answer| answer.needs_mark);
+        said.iter().enumerate().filter(|(_, answer)| needs_mark(answer)).map(|(k, _)| k).collect()
     }
 
     /// Returns the scores on a recorded frame; empty if they cannot be had, and `None` if that was left off. The

@@ -2,12 +2,12 @@
 //! named edit that can be undone.
 
 use crate::viewer::state::{
-    content::{Content, Look, NamedSample, PREVIEW, Prompt, PromptId, hundredths},
+    content::{Content, Look, NamedSample, PREVIEW, Prompt, PromptId, hundredths, is_same_name},
     history::History,
     measure::Scale,
     view_mode::ViewMode,
 };
-use crate::{engine::Sample, settings::PROMPT_COLOURS};
+use crate::{engine::Sample, settings::prompt_colour};
 use serde_json::Map;
 use surgtpgs_core::{
     mask::CleanUp,
@@ -17,6 +17,8 @@ use surgtpgs_core::{
 
 /// Change of the threshold by a threshold key.
 pub(crate) const THRESHOLD_STEP: f32 = 0.01;
+/// Number of colours among which one is looked for that no prompt has.
+const MAX_COLOURS: usize = 256;
 /// Increase of the opacity by the opacity key.
 pub(crate) const OPACITY_STEP: f32 = 0.2;
 
@@ -112,7 +114,7 @@ impl Document {
         self.revision += 1;
     }
 
-    /// Adds a prompt and selects it. If there is a prompt with these words, it is selected and shown instead.
+    /// Adds a prompt and selects it. If there is a prompt of this name, it is selected and shown instead.
     /// Empty words do nothing.
     pub(crate) fn add(&mut self, text: &str) {
         self.add_prompt(text, None);
@@ -187,7 +189,7 @@ impl Document {
 
     /// Returns another prompt that has these words already.
     pub(crate) fn namesake(&self, id: PromptId, text: &str) -> Option<&Prompt> {
-        self.prompts().iter().find(|p| p.id != id && p.text.eq_ignore_ascii_case(text.trim()))
+        self.prompts().iter().find(|p| p.id != id && is_same_name(&p.text, text))
     }
 
     /// Gives a prompt other words, and its marks their name; refuses empty words and those of another prompt.
@@ -332,15 +334,15 @@ impl Document {
         *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }
 
-    /// Returns the colour for the next prompt: the first of the least used colours of the palette.
+    /// Returns the colour for the next prompt: the first that no prompt has.
     pub(crate) fn next_colour(&self) -> [u8; 3] {
         self.free_colour(&[])
     }
 
     /// Returns the colour for the next prompt, if `more` are added before it.
     pub(super) fn free_colour(&self, more: &[Prompt]) -> [u8; 3] {
-        let uses = |c: &[u8; 3]| self.prompts().iter().chain(more).filter(|p| p.colour == *c).count();
-        PROMPT_COLOURS.into_iter().min_by_key(uses).unwrap_or([255; 3])
+        let is_free = |colour: &[u8; 3]| !self.prompts().iter().chain(more).any(|p| p.colour == *colour);
+        (0..MAX_COLOURS).map(prompt_colour).find(is_free).unwrap_or_else(|| prompt_colour(0))
     }
 
     /// Returns the name of the edit that undo would take back.
@@ -393,7 +395,7 @@ impl Document {
     }
 
     fn index_of(&self, text: &str) -> Option<usize> {
-        self.prompts().iter().position(|p| p.text.eq_ignore_ascii_case(text))
+        self.prompts().iter().position(|p| is_same_name(&p.text, text))
     }
 
     fn after_exchange(&mut self) {

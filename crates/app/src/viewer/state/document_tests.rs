@@ -2,6 +2,7 @@
 
 use crate::viewer::state::{content::Content, document::Document};
 use proptest::prelude::*;
+use std::collections::BTreeSet;
 use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook};
 
 fn document(prompts: &[&str]) -> Document {
@@ -27,6 +28,17 @@ fn deleting_recolours_nobody_and_frees_the_colour() {
     document.remove(document.prompts()[1].id);
     assert_eq!([document.prompts()[0].colour, document.prompts()[1].colour], [colours[0], colours[2]]);
     assert_eq!(document.next_colour(), colours[1]);
+}
+
+#[test]
+fn no_two_of_many_prompts_have_one_colour() {
+    let mut document = document(&[]);
+    (0..20).for_each(|k| document.add(&format!("structure {k}")));
+    let colours: BTreeSet<[u8; 3]> = document.prompts().iter().map(|p| p.colour).collect();
+    assert_eq!(colours.len(), 20);
+    let third = document.prompts()[2].clone();
+    document.remove(third.id);
+    assert_eq!(document.next_colour(), third.colour, "the palette goes first");
 }
 
 #[test]

@@ -26,7 +26,7 @@ impl Document {
         } else {
             format!("frames {} to {}", from + 1, to + 1)
         };
-        let name = format!("{} {frames}", if is_out { "taking back in" } else { "leaving out" });
+        let name = if is_out { format!("taking {frames} back in") } else { format!("leaving out {frames}") };
         let rest = cut(self.excluded(), (from, to));
         self.edit(name, None, |content| {
             content.excluded = if is_out { rest } else { joined(rest, (from, to)) }

@@ -51,6 +51,8 @@ pub(crate) struct Marking {
     pub(crate) name: String,
     /// `true` if the field of the name is to be seen and to have the focus, with its text selected.
     pub(crate) wants_name: bool,
+    /// `true` if the tool was just taken in hand, and its controls are to be seen.
+    pub(crate) is_just_taken: bool,
     pub(crate) radius_px: f32,
     /// Prompt that was selected when the tool was put away.
     pub(crate) put_away_at: Option<PromptId>,
@@ -74,6 +76,7 @@ impl Default for Marking {
             adds: true,
             name: String::new(),
             wants_name: false,
+            is_just_taken: false,
             radius_px: 8.0,
             put_away_at: None,
             draft: None,

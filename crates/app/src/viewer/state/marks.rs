@@ -1,9 +1,12 @@
 //! Marks by hand: what the user says frames show, and what they do not.
 
-use crate::settings::PROMPT_COLOURS;
+use crate::settings::prompt_colour;
 use crate::viewer::{
     backend::Info,
-    state::{content::Prompt, document::Document},
+    state::{
+        content::{Prompt, is_same_name},
+        document::Document,
+    },
 };
 use serde_json::Value;
 use std::{
@@ -67,10 +70,10 @@ impl MarkList {
 
     /// Returns these marks, those of one name with another one; the same list if there are none.
     pub(crate) fn renamed(&self, name: &str, new: &str) -> Self {
-        if new.is_empty() || !self.0.iter().any(|mark| mark.name == name) {
+        if new.is_empty() || !self.0.iter().any(|mark| is_same_name(&mark.name, name)) {
             return self.clone();
         }
-        let renamed = |mark: &Mark| match mark.name == name {
+        let renamed = |mark: &Mark| match is_same_name(&mark.name, name) {
             true => Mark { name: new.to_owned(), ..mark.clone() },
             false => mark.clone(),
         };
@@ -105,7 +108,7 @@ pub(crate) fn canvas(info: &Info) -> Canvas {
 impl Prompt {
     /// Returns `true` if marks of this name belong to the prompt.
     pub(crate) fn is_marked_as(&self, name: &str) -> bool {
-        self.like.is_none() && plain_words(&self.text) == name
+        self.like.is_none() && is_same_name(&self.text, name)
     }
 }
 
@@ -119,7 +122,7 @@ impl Document {
     pub(crate) fn colour_of(&self, name: &str) -> [u8; 3] {
         let own = self.prompts().iter().find(|p| p.is_marked_as(name)).map(|p| p.colour);
         let place = self.marks().names().iter().position(|known| *known == name);
-        let nameless = || place.map(|k| PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
+        let nameless = || place.map(prompt_colour);
         own.or_else(nameless).unwrap_or_else(|| self.next_colour())
     }
 
@@ -130,9 +133,33 @@ impl Document {
         self.add_marks(|_| name, vec![mark]);
     }
 
-    /// Adds marks without those that are there already, by one edit, which `name` names by their number. Returns
-    /// their number.
+    /// Returns the name, in plain words, under which the same is marked or looked for already; the name itself
+    /// if there is none.
+    pub(crate) fn joined_name(&self, name: &str) -> String {
+        let marked = self.marks().names().into_iter().find(|known| is_same_name(known, name));
+        let asked = || self.prompts().iter().find(|p| p.is_marked_as(name)).map(|p| plain_words(&p.text));
+        marked.map(str::to_owned).or_else(asked).unwrap_or_else(|| name.to_owned())
+    }
+
+    /// Gives marks the names under which the same is known already, or else the first of their own.
+    fn join_names(&self, marks: &mut [Mark]) {
+        let mut names: Vec<String> = Vec::new();
+        for mark in marks {
+            let name = names.iter().find(|known| is_same_name(known, &mark.name)).cloned();
+            let name = name.unwrap_or_else(|| {
+                let name = self.joined_name(&mark.name);
+                names.push(name.clone());
+                name
+            });
+            mark.name = name;
+        }
+    }
+
+    /// Adds marks without those that are there already, by one edit, which `name` names by their number. Marks
+    /// of the same structure have one name. New names get prompts in alphabetical order; prompts that are there
+    /// stay as they are. Returns the number of marks that were added.
     pub(crate) fn add_marks(&mut self, name: impl FnOnce(usize) -> String, mut marks: Vec<Mark>) -> usize {
+        self.join_names(&mut marks);
         let mut on: HashMap<usize, Vec<&Mark>> = HashMap::new();
         for mark in self.marks().all() {
             on.entry(mark.frame).or_default().push(mark);
@@ -208,6 +235,36 @@ mod tests {
         assert_eq!((texts(&document), document.marks().is_empty()), (vec!["Bile Duct".to_owned()], true));
         document.redo();
         assert_eq!(document.marks().frames(), BTreeSet::from([2]));
+    }
+
+    #[test]
+    fn names_that_capitals_and_spaces_tell_apart_are_one() {
+        let mut document = Document::new(OverlayLook::default(), 0.5);
+        document.add("gallbladder");
+        document.add_mark(click(2, "Gall Bladder", true));
+        document.add_mark(click(3, "gall-bladder", false));
+        assert_eq!(
+            (document.prompts().len(), document.marks().names()),
+            (1, BTreeSet::from(["gallbladder"]))
+        );
+        document.add("GALL_BLADDER");
+        assert_eq!(document.prompts().len(), 1);
+        let marks = vec![click(0, "Cystic Duct", true), click(1, "cysticduct", true)];
+        assert_eq!(document.add_marks(|_| "opening marks".into(), marks), 2);
+        assert_eq!(document.marks().names(), BTreeSet::from(["cystic duct", "gallbladder"]));
+        document.rename(document.prompts()[0].id, "Fundus");
+        assert_eq!(document.marks().names(), BTreeSet::from(["cystic duct", "fundus"]));
+    }
+
+    #[test]
+    fn new_names_come_in_alphabetical_order_and_those_that_are_there_stay() {
+        let mut document = Document::new(OverlayLook::default(), 0.5);
+        document.add_mark(click(0, "liver", true));
+        let before = document.prompts()[0].clone();
+        let marks = ["vein", "fat", "liver"].map(|name| click(1, name, true));
+        document.add_marks(|_| "opening marks".into(), marks.to_vec());
+        let texts: Vec<&str> = document.prompts().iter().map(|p| p.text.as_str()).collect();
+        assert_eq!((texts, &document.prompts()[0]), (vec!["liver", "fat", "vein"], &before));
     }
 
     #[test]

@@ -338,7 +338,7 @@ fn cards_and_messages_over_the_picture_hold() {
     check("the ruler", &mut window);
     window.harness.state_mut().shared.viewport.has_ruler = false;
     window.harness.state_mut().shared.document.remove(1);
-    let text = "Deleting \"the second long instrument that comes from the right side of the picture\"";
+    let text = "Deleted \"the second long instrument that comes from the right side of the picture\"";
     let back = Some(crate::viewer::state::toast::Back::Undo);
     window.harness.state_mut().shared.say(text, back, 1e9);
     check("a message", &mut window);

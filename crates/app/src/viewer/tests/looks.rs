@@ -47,6 +47,26 @@ fn outlines_have_an_opacity_of_their_own() {
 }
 
 #[test]
+fn what_was_found_has_its_outline_over_depth() {
+    let mut window = with_prompt(scene(), "gallbladder");
+    let own = window.harness.state().shared.document.prompts()[0].colour;
+    window.press(Key::D);
+    window.until_picture(|p| p.layer.is_some() && p.reconstruction.is_none() && !p.findings.is_empty());
+    assert_eq!(painted_lines(&window, own).len(), 1);
+}
+
+#[test]
+fn a_frame_where_nothing_is_found_is_told_in_one_wording() {
+    let mut window = with_prompt(scene(), "gallbladder");
+    // All of it is smaller than what is removed.
+    let clean_up = CleanUp { min_area_px: SIZE.0 as usize * SIZE.1 as usize, ..CleanUp::default() };
+    window.harness.state_mut().shared.document.set_clean_up(clean_up);
+    window.until_picture(|p| p.request.clean_up == clean_up && !p.findings.is_empty());
+    assert!(window.harness.query_all_by_label(NOTHING).count() >= 2, "in the row and on the picture");
+    assert!(!window.shows("0 % of the picture"));
+}
+
+#[test]
 fn lines_are_as_wide_on_an_enlarged_picture_as_on_the_whole_one() {
     let mut window = with_prompt(scene(), "gallbladder");
     let own = window.harness.state().shared.document.prompts()[0].colour;

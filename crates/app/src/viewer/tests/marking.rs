@@ -5,7 +5,7 @@ use super::{
     *,
 };
 use crate::viewer::{
-    backend::engine::EngineBackend,
+    backend::{engine::EngineBackend, task::Task},
     command::Command,
     state::{marking::Tool, session::Session},
 };
@@ -222,6 +222,41 @@ fn marks_wait_for_a_reconstruction_and_answer_when_it_is_there() {
 }
 
 #[test]
+fn the_picture_says_of_what_waits_that_it_is_found_when_the_reconstruction_is_ready() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_labels: true, ..scene() });
+    take_tool(&mut window, "spleen");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.press(Key::Escape);
+    window.press_with(Modifiers::COMMAND, Key::R);
+    window.harness.step();
+    window.harness.step();
+    window.click("Start");
+    window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
+    window.until_found();
+    let painted = painted(&window);
+    let says = |words: &str| painted.iter().any(|text| text.contains(words));
+    assert!(says("found when the reconstruction is ready") && !says("ot in this recording"), "{painted:?}");
+}
+
+#[test]
+fn the_demo_in_the_making_is_not_to_be_reconstructed_by_hand() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..scene() });
+    let (hold, held) = mpsc::channel::<()>();
+    let ctx = window.harness.ctx.clone();
+    let opening = &mut window.harness.state_mut().shared.opening;
+    opening.demo_folder = Some("/data".into());
+    opening.demo = Some(Task::start("demo", &ctx, move |_| {
+        let _ = held.recv();
+        Err(Error::Cancelled)
+    }));
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.harness.step();
+    assert!(window.shows("as soon as the reconstruction is ready") && !window.shows("press Reconstruct"));
+    drop(hold);
+}
+
+#[test]
 fn marks_on_a_recording_that_was_reconstructed_before_wait_until_that_is_opened() {
     let made_before = Some("/data/clip.safetensors".into());
     let mut window =
@@ -262,13 +297,13 @@ fn marks_are_saved_opened_and_part_of_the_session() {
     window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
     window.until(|app| !app.document.marks().is_empty());
     assert_eq!((marks(&window), texts(&window)), (made, vec!["cystic duct".to_owned()]));
-    assert!(window.shows("Opening 2 marks"));
+    window.until_shown("Added 2 marks");
     window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
     window.until_shown("The file has no marks that are not there already");
     assert_eq!(marks(&window).len(), 2, "the same marks again say nothing new");
     window.harness.state_mut().shared.document.clear_marks(3);
     window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
-    window.until_shown("Opening 1 mark");
+    window.until_shown("Added 1 mark to 1 earlier one");
     assert_eq!(marks(&window).len(), 2);
     std::fs::write(
         &file,
@@ -355,6 +390,53 @@ fn marks_are_painted_while_the_tool_is_in_use() {
     window.press(Key::S);
     window.harness.step();
     assert_eq!(pictures(&window), with_marks - 1);
+}
+
+#[test]
+fn nothing_is_told_of_a_frame_that_is_left_out_and_the_tool_says_so() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_found();
+    take_tool(&mut window, "gallbladder");
+    let says = |window: &Window, words: &str| window.harness.query_all_by_label(words).next().is_some();
+    assert!(window.shows("Draw along the structure") && says(&window, "25 % of the picture"));
+    window.harness.state_mut().shared.document.toggle_excluded(0, 0);
+    (0..3).for_each(|_| window.harness.step());
+    assert!(window.shows("This frame is left out of everything, and cannot be marked."));
+    assert!(says(&window, "Left out") && !says(&window, "25 % of the picture"));
+    assert!(!window.shows("Draw along the structure"));
+}
+
+#[test]
+fn the_tool_is_scrolled_to_when_it_is_taken() {
+    let mut window = Window::on(scene());
+    let shared = &mut window.harness.state_mut().shared;
+    (0..20).for_each(|k| shared.document.add(&format!("structure {k}")));
+    let (selected, marking) = (shared.document.selected, &mut shared.viewport.marking);
+    // The tool keeps its name, and asks for no other.
+    (marking.name, marking.put_away_at) = ("tool".into(), selected);
+    (0..3).for_each(|_| window.harness.step());
+    let top = |window: &Window, label: &str| window.harness.get_by_label(label).rect().top();
+    window.harness.get_by_label("Delete structure 19").scroll_to_me();
+    (0..60).for_each(|_| window.harness.step());
+    assert!(top(&window, "Delete structure 0") < top(&window, "Prompt"), "it is scrolled");
+    window.press(Key::S);
+    (0..60).for_each(|_| window.harness.step());
+    assert!(top(&window, "Name of what is marked") > top(&window, "Prompt"));
+    assert!(!window.harness.get_by_label("Name of what is marked").is_focused());
+}
+
+#[test]
+fn a_prompt_that_needs_a_mark_has_no_curve() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.press(Key::Escape);
+    window.add_prompt("grasper");
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    let curve = window.harness.state().shared.selected_curve();
+    assert!(curve.is_some_and(|curve| curve.has_no_answer()));
+    assert!(window.shows("grasper: cannot be looked for"));
 }
 
 #[test]
@@ -546,10 +628,17 @@ fn what_takes_nearly_everything_asks_for_its_opposite() {
     assert!(!window.shows(ADVICE), "two tell each other apart");
     add(&mut window, "fat", true, &some);
     let found = share(&mut window, "fat");
-    assert!((0.25..0.4).contains(&found) && window.shows(ADVICE), "{found}");
+    assert!((0.25..0.4).contains(&found) && !window.shows(ADVICE), "{found}: the tool marks something else");
+    take_tool(&mut window, "fat");
+    assert!(window.shows(ADVICE));
     add(&mut window, "fat", false, &few);
     share(&mut window, "fat");
     assert!(!window.shows(ADVICE));
+    let mut window = Window::on(Info { example_prompts: vec!["gallbladder".into()], ..scene() });
+    take_tool(&mut window, "Gall Bladder");
+    add(&mut window, "Gall Bladder", true, &few);
+    share(&mut window, "gall bladder");
+    assert!(!window.shows(ADVICE), "the recording knows it");
     let mut window = Window::on(bare());
     take_tool(&mut window, "tool");
     add(&mut window, "tool", true, &Shape::Box { corners_px: [[0.0, 0.0], [31.0, 20.0]] });

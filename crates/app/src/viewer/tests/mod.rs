@@ -105,7 +105,7 @@ fn what_leaves_out_or_hides_says_so_and_offers_the_way_back() {
     let ctrl = Modifiers::COMMAND;
     window.press_with(ctrl | Modifiers::SHIFT, Key::E);
     window.harness.step();
-    assert!(window.shows("Leaving out frame 1"));
+    assert!(window.shows("Left out frame 1"));
     window.harness.step();
     window.click("Undo");
     assert!(window.harness.state().shared.document.excluded().is_empty());
@@ -117,7 +117,7 @@ fn what_leaves_out_or_hides_says_so_and_offers_the_way_back() {
     assert!(!window.harness.state().shared.document.is_hidden);
     window.click("Delete gallbladder");
     window.harness.step();
-    assert!(window.shows("Deleting \"gallbladder\""));
+    assert!(window.shows("Deleted \"gallbladder\""));
     window.click("Undo");
     assert_eq!(window.harness.state().shared.document.prompts().len(), 1);
     window.press(Key::Num1);

@@ -58,7 +58,7 @@ fn an_offer_to_take_something_back_stays() {
     window.click("Delete gallbladder");
     window.press_with(Modifiers::SHIFT, Key::S);
     window.harness.step();
-    assert!(window.shows("Deleting \"gallbladder\"") && window.shows("Undo"));
+    assert!(window.shows("Deleted \"gallbladder\"") && window.shows("Undo"));
 }
 
 #[test]

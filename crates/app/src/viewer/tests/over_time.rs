@@ -450,7 +450,7 @@ fn a_half_typed_frame_of_a_phase_takes_nothing_from_its_neighbours() {
         assert_eq!(phases(&window), [(0, 9), (expected, 23)]);
     }
     window.click("Delete the phase Preparation");
-    assert!(window.shows("Deleting the phase \"Preparation\""));
+    assert!(window.shows("Deleted the phase \"Preparation\""));
 }
 
 #[test]

@@ -298,6 +298,14 @@ fn the_pace_of_a_training_is_remembered_for_the_next_one() {
 }
 
 #[test]
+fn no_time_is_promised_before_the_first_training() {
+    let mut window = Window::on(bare());
+    window.click("Reconstruct…");
+    assert!(window.shows("Standard: good enough to work with"));
+    assert!(!window.shows("Standard: good enough to work with,"));
+}
+
+#[test]
 fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
     let mut window = Window::on(bare());
     window.harness.state_mut().shared.preferences.seconds_per_step_and_pixel = Some(1e-4);

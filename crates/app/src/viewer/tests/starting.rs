@@ -44,6 +44,18 @@ fn a_window_with_a_place_on_the_screen_is_drawn_and_its_size_kept() {
 }
 
 #[test]
+fn all_of_the_demo_is_offered_once() {
+    let mut window = bare();
+    let preferences = &mut window.harness.state_mut().shared.preferences;
+    ["/data/demo/recording", "/data/own.mp4", "/data/demo/scene.safetensors"]
+        .into_iter()
+        .for_each(|path| preferences.remember(Path::new(path)));
+    begin(&mut window, &ViewerInput::Start);
+    assert_eq!(window.harness.query_all_by_label_contains("Demo: a made-up recording").count(), 1);
+    assert!(window.shows("own.mp4"));
+}
+
+#[test]
 fn later_starts_offer_what_was_opened_last() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = bare();

@@ -6,7 +6,7 @@ use crate::viewer::{
     picture::request::{AskedPrompt, Request},
     shared::Shared,
     state::{
-        content::{PREVIEW, Prompt},
+        content::{PREVIEW, Prompt, is_same_name},
         marks::MarkList,
         view_mode::ViewMode,
     },
@@ -103,7 +103,7 @@ impl Shared {
         };
         let prompts = self.document.prompts();
         let hidden = prompts.iter().filter(|p| !p.is_visible).map(|p| self.document.question(p));
-        let is_new = |class: &&String| !prompts.iter().any(|p| p.text.eq_ignore_ascii_case(class));
+        let is_new = |class: &&String| !prompts.iter().any(|p| is_same_name(&p.text, class));
         let classes = info.example_prompts.iter().take(MAX_CANDIDATES).filter(is_new);
         hidden.chain(classes.map(|class| self.document.bare_question(class))).collect()
     }
@@ -154,7 +154,7 @@ impl Shared {
         let mut prompts: Vec<AskedPrompt> =
             self.document.prompts().iter().filter(|p| p.is_visible).map(asked).collect();
         let live = self.prompt_box.live();
-        if !live.is_empty() && !prompts.iter().any(|p| p.question.text.eq_ignore_ascii_case(live)) {
+        if !live.is_empty() && !prompts.iter().any(|p| is_same_name(&p.question.text, live)) {
             prompts.push(AskedPrompt {
                 id: PREVIEW,
                 question: self.document.bare_question(live),

@@ -7,9 +7,12 @@ use crate::viewer::{
     },
     shared::Shared,
     state::{
+        content::{Prompt, is_same_name},
         marks::{MarkList, canvas},
         saving::SavedKind,
+        toast::Back,
     },
+    text::counted,
 };
 use egui::Context;
 use std::path::Path;
@@ -38,6 +41,13 @@ impl Shared {
         self.reconstruction.will_find_words(recording)
     }
 
+    /// Returns `true` if what is open is being reconstructed, or will be without being asked.
+    pub(crate) fn is_to_be_reconstructed(&self) -> bool {
+        let is_demo = || self.info().is_some_and(|i| self.is_demo(&i.path));
+        let is_made = self.opening.is_making_demo() && is_demo();
+        self.will_find_words().is_some() || self.is_reconstructing() || is_made
+    }
+
     /// Returns `true` if what is marked can be found: there is a reconstruction, and it is finished.
     pub(crate) fn carries_marks(&self) -> bool {
         self.info().is_some_and(|i| i.has_reconstruction) && !self.is_reconstructing()
@@ -46,6 +56,12 @@ impl Shared {
     /// Returns `true` if there are marks that wait for a reconstruction.
     pub(crate) fn has_waiting_marks(&self) -> bool {
         self.open.is_some() && !self.document.marks().is_empty() && !self.carries_marks()
+    }
+
+    /// Returns `true` if a prompt finds what is marked once there is a reconstruction.
+    pub(crate) fn waits_as_marked(&self, prompt: &Prompt) -> bool {
+        let is_marked = || self.document.marks().names().into_iter().any(|name| prompt.is_marked_as(name));
+        self.has_waiting_marks() && is_marked()
     }
 
     /// Returns all marks, with the one that is being drawn.
@@ -63,7 +79,7 @@ impl Shared {
         let classes = self.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
         let mut names: Vec<String> = Vec::new();
         for name in prompts.chain(self.document.marks().names()).chain(classes.iter().map(String::as_str)) {
-            if !names.iter().any(|known| known.eq_ignore_ascii_case(name)) {
+            if !names.iter().any(|known| is_same_name(known, name)) {
                 names.push(name.to_owned());
             }
         }
@@ -83,7 +99,7 @@ impl Shared {
         let marking = &mut self.viewport.marking;
         if std::mem::take(&mut marking.is_on) {
             (marking.draft, marking.put_away_at) = (None, self.document.selected);
-            marking.wants_name = false;
+            (marking.wants_name, marking.is_just_taken) = (false, false);
         }
     }
 
@@ -99,6 +115,7 @@ impl Shared {
         let offered = name.filter(|name| is_new && *name != marking.name);
         let wants_name = offered.is_some() || is_missing;
         (marking.is_on, marking.draft, marking.wants_name) = (true, None, wants_name);
+        marking.is_just_taken = true;
         if let Some(name) = offered {
             marking.name = name;
         }
@@ -151,10 +168,16 @@ impl Shared {
         let canvas = canvas(info);
         let marks: Vec<_> = marks.all().iter().filter(|mark| mark.fits(&canvas)).cloned().collect();
         let name = |count: usize| format!("opening {count} {}", if count == 1 { "mark" } else { "marks" });
-        let revision = self.document.revision();
-        match self.document.add_marks(name, marks) {
-            0 => self.say("The file has no marks that are not there already", None, now),
-            _ => self.say_edit_since(revision, now),
+        let before = self.document.marks().all().len();
+        let added = self.document.add_marks(name, marks);
+        let marks = counted(added, "mark", "marks");
+        match (added, before) {
+            (0, _) => self.say("The file has no marks that are not there already", None, now),
+            (_, 0) => self.say(format!("Added {marks}"), Some(Back::Undo), now),
+            _ => {
+                let earlier = counted(before, "earlier one", "earlier ones");
+                self.say(format!("Added {marks} to {earlier}"), Some(Back::Undo), now);
+            }
         }
     }
 }

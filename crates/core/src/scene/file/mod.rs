@@ -477,6 +477,7 @@ mod tests {
             encoder: None,
             words: WordFacts {
                 unseen: vec!["hepatic vein".into()],
+                from_marks: true,
                 calibration: None,
                 vectors: vec![f16::from_f32(0.5), f16::from_f32(-0.25)].into(),
             },
