@@ -100,7 +100,7 @@ fn all_that_finished_meanwhile_are_offered() {
     let mut window = training();
     queue(&mut window, "/elsewhere/second");
     open(&mut window, "/elsewhere/third");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.recording.ends_with("second")));
     window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.cancel();
     window.until(|app| app.reconstruction.training.is_none());
@@ -130,7 +130,7 @@ fn a_failure_names_its_recording_where_another_is_shown() {
     let mut window = training();
     queue(&mut window, "/elsewhere/broken");
     open(&mut window, "/elsewhere/third");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.problem.is_some());
     let problem = window.harness.state().shared.problem.clone().unwrap();
     assert!(problem.starts_with("broken could not be reconstructed: there is nothing to learn"), "{problem}");
@@ -145,7 +145,7 @@ fn the_demo_waits_for_the_training_that_is_running() {
     shared.open_demo(&ctx);
     window.until(|app| app.info().is_some_and(|i| i.path == Path::new("/data/demo")));
     assert!(window.shows("Then Demo: a made-up recording"));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(Shared::is_reconstructing);
 }
 
@@ -223,7 +223,7 @@ fn a_scene_is_offered_again_only_if_its_training_goes_on() {
     }
     window.click("Start");
     window.until_shown("Reconstructing: training");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none());
     let request = window.backend.trained.lock().unwrap()[0].clone();
     assert_eq!((request.scene, request.replaces, request.quality), (file, true, Quality::Best));
@@ -235,7 +235,7 @@ fn a_scene_is_offered_again_only_if_its_training_goes_on() {
     (0..3).for_each(|_| window.harness.step());
     window.click("Start");
     window.until_shown("Reconstructing: training");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none());
     let request = window.backend.trained.lock().unwrap()[1].clone();
     assert_eq!((request.scene, request.replaces), (folder.path().join("clip-2.safetensors"), false));

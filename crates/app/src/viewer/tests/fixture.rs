@@ -443,6 +443,12 @@ impl Window {
         (0..3).for_each(|_| self.harness.step());
     }
 
+    /// Stops the training. Its button moves as progress comes in, so that a click on its place may miss it.
+    pub(super) fn stop_training(&mut self) {
+        self.harness.get_by_label("Stop and keep what was learned").click_accesskit();
+        (0..3).for_each(|_| self.harness.step());
+    }
+
     /// Scrolls to a widget, as one does whose panel is long, and clicks it.
     pub(super) fn scroll_and_click(&mut self, label: &str) {
         self.harness.get_by_label(label).scroll_to_me();

@@ -215,7 +215,7 @@ fn marks_wait_for_a_reconstruction_and_answer_when_it_is_there() {
     window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
     assert!(window.shows("as soon as the reconstruction is ready"));
     assert!(window.harness.state().shared.picture().is_some_and(|p| p.request.marks.is_empty()));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| !app.is_reconstructing() && app.opening.underway.is_none());
     assert!(share(&mut window, "tool") > 0.0);
     assert!(!window.shows("waits for the reconstruction"));

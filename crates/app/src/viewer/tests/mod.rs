@@ -231,7 +231,7 @@ fn prompts_wait_for_the_reconstruction() {
     window.click("Start");
     assert!(window.shows("Waits for the reconstruction"));
     window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| !app.is_reconstructing() && app.opening.underway.is_none());
     window.until_picture(|p| p.findings.len() == 2);
     assert!(!window.shows("Waits for the reconstruction"));
@@ -359,7 +359,7 @@ fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learne
     window.click("Go on");
     assert!(!window.shows("paused"));
     window.click("Pause");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
     assert_eq!(window.frame(), 1, "the frame is kept");
     assert_eq!(window.harness.state().shared.document.mode, ViewMode::Original, "it replaces nothing");
@@ -394,7 +394,7 @@ fn a_training_of_the_demo_is_not_taken_for_that_of_the_own_recording() {
     window.click("Reconstruct…");
     window.click("Start after the others");
     assert!(window.shows("Then own") && !window.shows("has not been reconstructed yet"));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until_shown("Demo: a made-up recording is reconstructed.");
 }
 

@@ -122,7 +122,7 @@ fn a_reconstruction_is_not_checked_again() {
 fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     let mut window = training();
     window.backend.is_disk_full.store(true, Ordering::Relaxed);
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until_shown("Reconstructing: not saved yet");
     assert!(window.shows("tried every second") && !window.shows("left"));
     window.click("Give up what was learned");
@@ -135,7 +135,7 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.click("Reconstruct…");
     window.click("Start");
     window.until_shown("Reconstructing: training");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until_shown("Reconstructing: not saved yet");
     window.backend.is_disk_full.store(false, Ordering::Relaxed);
     window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
@@ -150,7 +150,7 @@ fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
     window.until_shown("Reconstructing clip.mp4: training");
     let is_other = |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
     assert!(is_other(&window.harness.state().shared));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until_shown("clip.safetensors is reconstructed");
     assert!(is_other(&window.harness.state().shared));
     window.click("Open it");
@@ -290,7 +290,7 @@ fn the_pace_of_a_training_is_remembered_for_the_next_one() {
     assert!(window.harness.state().shared.preferences.seconds_per_step_and_pixel.is_none());
     // A tenth of the steps says what one takes.
     window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.seconds_per_step.is_some()));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none());
     assert!(
         window.harness.state().shared.preferences.seconds_per_step_and_pixel.is_some_and(|pace| pace > 0.0)
@@ -333,7 +333,7 @@ fn a_scene_is_replaced_only_if_the_user_agreed() {
     }
     window.click("Start");
     window.until_shown("Reconstructing: training");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none());
     let request = window.backend.trained.lock().unwrap()[0].clone();
     assert_eq!((request.scene, request.replaces), (scene, true));
@@ -393,7 +393,7 @@ fn networks_are_tried_at_once_and_remembered_once_they_are_used() {
     assert_eq!((models.masks.clone(), models.points_per_side), (folder.path().join("sam"), 8));
     // Networks took most of the time, and are done.
     window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.fraction() >= 0.6));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until(|app| app.reconstruction.training.is_none());
     let request = window.backend.trained.lock().unwrap()[0].clone();
     assert!(matches!(&request.words, Words::Models(models) if models.images == folder.path().join("clip")));
@@ -416,7 +416,7 @@ fn what_the_same_networks_found_is_used_again_and_what_others_found_stays() {
         assert_eq!(window.shows("What these networks found in it before is used again."), found.is_some());
         window.click("Start");
         window.until_shown("Reconstructing: training");
-        window.click("Stop and keep what was learned");
+        window.stop_training();
         window.until(|app| app.reconstruction.training.is_none());
         let request = window.backend.trained.lock().unwrap()[0].clone();
         assert_eq!(request.features_folder(), folder.path().join(used));
@@ -441,7 +441,7 @@ fn recordings_wait_for_each_other_and_can_be_taken_out() {
     assert_eq!(scenes.iter().collect::<std::collections::BTreeSet<_>>().len(), 3, "{scenes:?}");
     window.click("Do not reconstruct third");
     assert!(!window.shows("Then third"));
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     let is_second = |app: &Shared| {
         app.reconstruction.training.as_ref().is_some_and(|t| t.recording == Path::new("/elsewhere/second"))
     };

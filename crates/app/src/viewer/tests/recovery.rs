@@ -114,7 +114,7 @@ fn marks_of_a_recording_come_back_on_its_reconstruction_and_the_other_way_round(
     open(&mut window, other);
     assert!(marked(&window.harness.state().shared).is_empty());
     window.until_shown("Stop and keep what was learned");
-    window.click("Stop and keep what was learned");
+    window.stop_training();
     window.until_shown("clip.safetensors is reconstructed");
     window.click("Open it");
     window.until(|app| app.info().is_some_and(|info| info.path == scene) && marked(app) == [3]);
