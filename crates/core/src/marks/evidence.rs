@@ -254,8 +254,8 @@ fn marked_pixels(mark: &Mark, [width, height]: [usize; 2]) -> Vec<usize> {
 }
 
 /// Leaves pixels that are marked as several names to those whose marks lie inside of others there, and of
-/// these to the smallest ones. A mark lies inside of others if more than half of its pixels show other names,
-/// too; outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed` the marks with
+/// these to the smallest ones. A mark lies inside of others if more than three quarters of its pixels show
+/// other names, too; outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed` the marks with
 /// the places of their names.
 fn leave_to_inner(votes: &mut [i32], num_names: usize, placed: &[(usize, &Mark)], size: [usize; 2]) {
     let is_contested = |votes: &[i32]| votes.iter().filter(|vote| **vote > 0).count() > 1;
@@ -273,7 +273,7 @@ fn leave_to_inner(votes: &mut [i32], num_names: usize, placed: &[(usize, &Mark)]
     };
     let mut inner: Vec<(usize, usize, Vec<usize>)> =
         placed.iter().filter(|(_, mark)| mark.add).map(shown).collect();
-    inner.retain(|(_, area, pixels)| 2 * pixels.len() > *area);
+    inner.retain(|(_, area, pixels)| 4 * pixels.len() > 3 * *area);
     for (_, area, pixels) in &inner {
         pixels.iter().for_each(|i| least[*i] = least[*i].min(*area));
     }

@@ -8,8 +8,8 @@
 //!
 //! [`Marks`] reads and checks marks, [`Evidence`] sums them up for each pixel of a frame, and [`Carried`]
 //! gives scores on every frame. [`ChapterMarks`] finds the marks that count in each chapter of a long scene.
-//! Nothing depends on the order of marks, and a mark and its opposite leave nothing. A small
-//! structure may be marked inside of a large one.
+//! Nothing depends on the order of marks, and a mark and its opposite leave nothing. A small structure may be
+//! marked inside of a large one.
 
 mod appearance;
 mod carried;
