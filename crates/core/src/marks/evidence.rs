@@ -255,8 +255,8 @@ fn marked_pixels(mark: &Mark, [width, height]: [usize; 2]) -> Vec<usize> {
 
 /// Leaves pixels that are marked as several names to those whose marks lie inside of others there, and of
 /// these to the smallest ones. A mark lies inside of others if more than three quarters of its pixels show
-/// other names, too; outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed` the marks with
-/// the places of their names.
+/// other names, too; outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed`
+/// the marks with the places of their names.
 fn leave_to_inner(votes: &mut [i32], num_names: usize, placed: &[(usize, &Mark)], size: [usize; 2]) {
     let is_contested = |votes: &[i32]| votes.iter().filter(|vote| **vote > 0).count() > 1;
     // Least area of an inner mark at each pixel; 0 where one name at most is shown.
