@@ -71,6 +71,11 @@ pub(super) struct Unlabelled<'a> {
     pub(super) variance: f64,
 }
 
+impl Unlabelled<'_> {
+    /// No examples.
+    pub(super) const NONE: Self = Self { nodes: &[], variance: 1.0 };
+}
+
 /// Labels predicted for all nodes.
 pub(super) struct Prediction {
     /// Score of each class at each node, 0–1: [classes][nodes].
@@ -111,25 +116,24 @@ impl AppearanceFeatures {
         likeness(&self.0[node][..POSITION], &others.0[other][..POSITION])
     }
 
-    /// Predicts the classes of all nodes from examples among them. `positives` are the examples of each
-    /// class, and `negatives` show none of the classes. A node that looks like no example has scores near 0.
+    /// Predicts the classes of all nodes from examples among them, see [`Self::fit`].
     pub(super) fn predict(
         &self,
         positives: &[Vec<usize>],
         negatives: &[usize],
         unlabelled: Unlabelled<'_>,
     ) -> Prediction {
-        self.predict_for(self, positives, negatives, unlabelled)
+        self.fit(positives, negatives, unlabelled).predict(self)
     }
 
-    /// Predicts the classes of `others` from examples among these nodes, see [`Self::predict`].
-    pub(super) fn predict_for(
+    /// Fits a regression to examples among the nodes. `positives` are the examples of each class, and
+    /// `negatives` show none of the classes.
+    pub(super) fn fit(
         &self,
-        others: &Self,
         positives: &[Vec<usize>],
         negatives: &[usize],
         unlabelled: Unlabelled<'_>,
-    ) -> Prediction {
+    ) -> Regression {
         let all = positives.iter().map(Vec::as_slice).chain([negatives]);
         let count: usize = all.clone().map(<[usize]>::len).sum();
         let mut chosen: Vec<(usize, usize)> = all
@@ -149,37 +153,47 @@ impl AppearanceFeatures {
             f64::from(likeness(&examples[a], &examples[b])) + if a == b { variance(a) } else { 0.0 }
         });
         let is_solved = kernel.factorize();
-        let mut weights = vec![vec![0.0; positives.len()]; chosen.len()];
-        for class in 0..positives.len() {
+        let num_classes = positives.len();
+        let mut weights = vec![vec![0.0; num_classes]; chosen.len()];
+        for class in 0..num_classes {
             let mut labels: Vec<f64> =
                 chosen.iter().map(|(of, _)| if *of == class { 1.0 } else { 0.0 }).collect();
             if is_solved && kernel.substitute(&mut labels) {
                 weights.iter_mut().zip(labels).for_each(|(weights, w)| weights[class] = w as f32);
             }
         }
-        others.sums(&examples, (&weights, positives.len()), num_positives)
+        Regression { examples, weights, num_classes, num_positives }
     }
+}
 
-    /// Sums weight · likeness over the examples, with weights [examples][classes]. The first `num_positives`
-    /// examples count for the nearness.
-    fn sums(
-        &self,
-        examples: &[FeatureVector],
-        (weights, num_classes): (&[Vec<f32>], usize),
-        num_positives: usize,
-    ) -> Prediction {
+/// Regression of classes on appearance, fitted to examples.
+#[derive(Clone, Debug)]
+pub(super) struct Regression {
+    examples: Vec<FeatureVector>,
+    /// [examples][classes].
+    weights: Vec<Vec<f32>>,
+    num_classes: usize,
+    /// Number of the examples that show a class; they come first.
+    num_positives: usize,
+}
+
+impl Regression {
+    /// Predicts the classes of nodes: sums weight · likeness over the examples. A node that looks like no
+    /// example has scores near 0.
+    pub(super) fn predict(&self, AppearanceFeatures(vectors): &AppearanceFeatures) -> Prediction {
         // Eight nodes beside each other: [blocks][classes, nearness][lanes].
-        let columns = num_classes + 1;
-        let mut sums = vec![[0.0; LANES]; self.0.len().div_ceil(LANES) * columns];
+        let columns = self.num_classes + 1;
+        let mut sums = vec![[0.0; LANES]; vectors.len().div_ceil(LANES) * columns];
         let level = Level::new();
-        let blocks = sums.par_chunks_exact_mut(columns).zip(self.0.par_chunks(LANES)).with_min_len(64);
+        let blocks = sums.par_chunks_exact_mut(columns).zip(vectors.par_chunks(LANES)).with_min_len(64);
         blocks.for_each(|(sums, nodes)| {
-            dispatch!(level, simd => sum_block(simd, nodes, examples, weights, num_positives, sums));
+            let Self { examples, weights, num_positives, .. } = self;
+            dispatch!(level, simd => sum_block(simd, nodes, examples, weights, *num_positives, sums));
         });
         let plane = |k: usize| -> Vec<f32> {
-            (0..self.0.len()).map(|i| sums[i / LANES * columns + k][i % LANES]).collect()
+            (0..vectors.len()).map(|i| sums[i / LANES * columns + k][i % LANES]).collect()
         };
-        Prediction { score: (0..num_classes).map(plane).collect(), nearness: plane(num_classes) }
+        Prediction { score: (0..self.num_classes).map(plane).collect(), nearness: plane(self.num_classes) }
     }
 }
 
@@ -244,15 +258,14 @@ mod tests {
         // Two kinds of nodes, one node between them, and one that is like neither.
         let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];
         let features = AppearanceFeatures::new(lights.into_iter().map(of_light));
-        let none = Unlabelled { nodes: &[], variance: 1.0 };
         let both = [vec![0, 1, 2], vec![3, 4, 5]];
-        let Prediction { score, nearness } = features.predict(&both, &[], none);
+        let Prediction { score, nearness } = features.predict(&both, &[], Unlabelled::NONE);
         assert!(score[0][1] > 0.9 && score[1][4] > 0.9, "{score:?}");
         assert!(score[0][4] < 0.1 && score[1][1] < 0.1, "{score:?}");
         assert!((score[0][6] - score[1][6]).abs() < 0.1, "{score:?}");
         assert!(score[0][7] + score[1][7] < 0.01, "{score:?}");
         assert!(nearness[1] > 0.9 && nearness[6] < 0.5 && nearness[7] < 1e-3, "{nearness:?}");
-        let denied = features.predict(&both[..1], &[3, 4, 5], none);
+        let denied = features.predict(&both[..1], &[3, 4, 5], Unlabelled::NONE);
         assert!(denied.score[0][4] < 0.1 && denied.nearness[4] < 0.1, "{:?}", denied.score);
         let [alone, open] = [&[][..], &[3, 4, 5]]
             .map(|nodes| features.predict(&both[..1], &[], Unlabelled { nodes, variance: 1.0 }).score);

@@ -8,7 +8,9 @@ use super::{
     frame_splats::FrameSplats,
     guided::GuidedFilter,
     hints::{GuideShares, Hints},
-    marked_frame::{MarkedFrame, add_looked_up, at_full_size, at_half, flow_target, likeness, weights},
+    looks::{Looks, MAX_NAMES},
+    marked_frame::{MarkedFrame, at_full_size, at_half, flow_target, likeness, weights},
+    mix::{Known, Mix},
     plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
@@ -33,6 +35,8 @@ use std::{
 const NAMES_AT_ONCE: usize = 16;
 /// Weight of the Gaussians' shares, beside 1 for a marked frame that looks the same.
 const GAUSSIAN_WEIGHT: f32 = 0.01;
+/// Weight of shares that are told by looks, where these are certain.
+const LOOKS_WEIGHT: f32 = 0.05;
 /// Weight of guides where a frame shows all names itself, relative to any other frame.
 const GUIDE_WEIGHT_BESIDE_ALL_NAMES: f32 = 0.2;
 /// Likeness of two frames around a pixel above which a mark is propagated; small, because instruments shine
@@ -126,7 +130,7 @@ impl Carried {
         self.cache.take_over(earlier.cache, holds, is_wanted);
         for (frame, marked) in self.cache.frames_mut() {
             marked.shares_with_neighbours = None;
-            marked.knows_all_names = self.plan.knows_all_names(frame, &marked.propagated_names);
+            marked.known_names = self.plan.known_names(frame, &marked.propagated_names);
         }
         self
     }
@@ -221,12 +225,13 @@ impl Carried {
         } else {
             let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.blend_neighbours(scene, *marked, pictures))?;
-            let mut shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
+            let shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
+            let mut mix = Mix::of(&shares, |_, _| GAUSSIAN_WEIGHT);
             let luma = luma_of(&picture);
-            let weights = vec![GAUSSIAN_WEIGHT; luma.data.len()];
             let lookup = Lookup { frame, luma: &luma, marked: &marked, with_neighbours: true };
-            self.look_up(scene, lookup, weights, &mut shares, pictures)?;
-            shares
+            self.look_up(scene, lookup, &mut mix, pictures)?;
+            self.tell_by_looks(scene, (frame, &picture), &marked, &mut mix, pictures)?;
+            mix.finish().0
         };
         self.cache.evict_far(frame);
         let mut shares = self.refined(picture, shares);
@@ -278,40 +283,55 @@ impl Carried {
         Ok(planes)
     }
 
-    /// Mixes the shares of a frame, whose pixels have the weights `total`, with those that are looked up in
-    /// marked frames. Returns the new weights.
+    /// Adds the shares that are looked up in marked frames to those of a frame.
     fn look_up(
         &mut self,
         scene: &Scene,
         lookup: Lookup<'_>,
-        mut total: Vec<f32>,
-        shares: &mut [Vec<f32>],
+        mix: &mut Mix,
         pictures: &mut Pictures<'_>,
-    ) -> Result<Vec<f32>> {
+    ) -> Result<()> {
         let Lookup { frame, luma, marked, with_neighbours } = lookup;
         marked.iter().try_for_each(|marked| self.segment_frame(scene, *marked, pictures))?;
-        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(|(v, t)| *v *= t));
-        // The nearer of two weighs more.
-        let far: usize = marked.iter().map(|f| f.abs_diff(frame)).sum();
         for &marked_frame in marked {
-            let away = marked_frame.abs_diff(frame) as f32 / far.max(1) as f32;
-            let near = if marked.len() < 2 { 1.0 } else { 1.0 - away };
             let Some(other) = self.cache.get_mut(marked_frame) else { continue };
             let flow = other.flows.flow(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
+            let near = nearness(frame, marked_frame, marked);
             let weights = other.lookup_weights(&flow, luma, &scene.field_of_view, |weight| near * weight);
-            let blended = other.shares_with_neighbours.as_ref().filter(|_| with_neighbours);
-            shares.par_iter_mut().zip(blended.unwrap_or(&other.own_shares)).for_each(|(plane, marked)| {
-                add_looked_up(plane, marked, &flow, &weights);
-            });
-            if other.knows_all_names || blended.is_some() {
-                total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
-            } else {
-                add_looked_up(&mut total, &other.known_share(), &flow, &weights);
-            }
+            let source = match &other.shares_with_neighbours {
+                Some(blended) if with_neighbours => (blended.as_slice(), &Known::all(blended.len())),
+                _ => (other.own_shares.as_slice(), &other.known()),
+            };
+            mix.add_along(source, &flow, &weights);
         }
-        let share = |(v, t): (&mut f32, &f32)| *v /= t.max(f32::MIN_POSITIVE);
-        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(share));
-        Ok(total)
+        Ok(())
+    }
+
+    /// Adds the shares that the looks of marked frames tell to those of a frame.
+    fn tell_by_looks(
+        &mut self,
+        scene: &Scene,
+        (frame, picture): (usize, &RgbImage),
+        marked: &[usize],
+        mix: &mut Mix,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<()> {
+        if self.names.len() > MAX_NAMES {
+            return Ok(());
+        }
+        let cells = CellFeatures::of(picture);
+        for &marked_frame in marked {
+            let Some(other) = self.cache.get_mut(marked_frame) else { continue };
+            if other.looks.is_none() {
+                let picture = pictures(marked_frame)?;
+                other.looks = Some(Looks::of(&picture, &scene.field_of_view, &other.own_shares));
+            }
+            let Some(told) = other.looks.as_ref().map(|looks| looks.tell(&cells)) else { continue };
+            let known = Known { names: other.known_names.clone(), others: told.sums() };
+            let weight = LOOKS_WEIGHT * nearness(frame, marked_frame, marked);
+            mix.add(&told.shares, |name, i| weight * told.certainty[i] * known.of(name, i));
+        }
+        Ok(())
     }
 
     /// Returns the shares that are looked up in the guides of a frame; `None` if it has no guides.
@@ -325,12 +345,12 @@ impl Carried {
         if guides.is_empty() || !self.settings.uses_flow {
             return Ok(None);
         }
-        let zeros = vec![0.0; luma.data.len()];
-        let mut shares = vec![zeros.clone(); self.names.len()];
+        let mut mix = Mix::nothing(self.names.len(), luma.data.len());
         let lookup = Lookup { frame, luma, marked: &guides, with_neighbours: false };
-        let mut weights = self.look_up(scene, lookup, zeros, &mut shares, pictures)?;
+        self.look_up(scene, lookup, &mut mix, pictures)?;
+        let (shares, mut weights) = mix.finish();
         if self.plan.shows_all(frame) {
-            weights.iter_mut().for_each(|weight| *weight *= GUIDE_WEIGHT_BESIDE_ALL_NAMES);
+            weights.iter_mut().flatten().for_each(|weight| *weight *= GUIDE_WEIGHT_BESIDE_ALL_NAMES);
         }
         Ok(Some(GuideShares { shares, weights }))
     }
@@ -389,11 +409,13 @@ impl Carried {
             return if has_shares { Ok(()) } else { self.segment_again(scene, frame, pictures) };
         }
         let mut shares = here.own_shares.clone();
-        if !here.knows_all_names {
-            let (luma, known_share) = (here.luma.clone(), here.known_share());
+        if !here.knows_all_names() {
+            let (luma, known) = (here.luma.clone(), here.known());
             let growing = beside(frame, &self.growing);
             let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
-            self.look_up(scene, lookup, known_share, &mut shares, pictures)?;
+            let mut mix = Mix::of(&shares, |name, i| known.of(name, i));
+            self.look_up(scene, lookup, &mut mix, pictures)?;
+            shares = mix.finish().0;
         }
         for other in neighbours {
             self.segment_frame(scene, other, pictures)?;
@@ -429,12 +451,12 @@ impl Carried {
             };
             spread_over(&marked, growing, &propagated, self.names.len(), guides)
         } else {
-            let mut shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
+            let shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
-            let weights = vec![GAUSSIAN_WEIGHT; luma.data.len()];
             let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
-            self.look_up(scene, lookup, weights, &mut shares, pictures)?;
-            shares
+            let mut mix = Mix::of(&shares, |_, _| GAUSSIAN_WEIGHT);
+            self.look_up(scene, lookup, &mut mix, pictures)?;
+            mix.finish().0
         };
         let evidence = &self.evidence[&frame];
         let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
@@ -445,7 +467,7 @@ impl Carried {
         let weights = weights(evidence, &luma, width);
         let flows = self.cache.take_flow(frame, &luma, self.settings.corrects_drift);
         let propagated_names = propagated.into_iter().map(|(_, name)| name).collect();
-        let knows_all_names = self.plan.knows_all_names(frame, &propagated_names);
+        let known_names = self.plan.known_names(frame, &propagated_names);
         let marked = MarkedFrame {
             luma,
             flows,
@@ -454,7 +476,8 @@ impl Carried {
             shares_with_neighbours: None,
             weights,
             propagated_names,
-            knows_all_names,
+            known_names,
+            looks: None,
         };
         self.cache.insert(frame, marked);
         Ok(())
@@ -503,6 +526,13 @@ pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
 pub(super) fn scale_beside_denied(kept: f32, denied: f32) -> f32 {
     let none = (1.0 - kept - denied).max(denied);
     1.0 / (kept + none).max(f32::EPSILON)
+}
+
+/// Returns the weight of a marked frame beside the others that a frame is looked up in: the nearer of two
+/// weighs more.
+fn nearness(frame: usize, marked_frame: usize, all: &[usize]) -> f32 {
+    let far: usize = all.iter().map(|marked| marked.abs_diff(frame)).sum();
+    if all.len() < 2 { 1.0 } else { 1.0 - marked_frame.abs_diff(frame) as f32 / far.max(1) as f32 }
 }
 
 /// Returns `true` if pictures are large enough to be segmented.

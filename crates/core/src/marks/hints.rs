@@ -29,16 +29,16 @@ const GUIDE_WEIGHT: f32 = 100.0;
 pub(super) struct Hints {
     /// [names][nodes].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Weight of each node: up to 1 for its appearance, more with guides.
-    pub(super) weights: Vec<f32>,
+    /// Weights of the shares, [names][nodes]: up to 1 for appearance, more with guides.
+    pub(super) weights: Vec<Vec<f32>>,
 }
 
 /// Shares looked up from the guides of a frame.
 pub(super) struct GuideShares {
     /// [names][nodes].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Certainty of the shares of each node, about 0–1.
-    pub(super) weights: Vec<f32>,
+    /// Certainty of the shares, about 0–1: [names][nodes].
+    pub(super) weights: Vec<Vec<f32>>,
 }
 
 impl Hints {
@@ -93,19 +93,20 @@ impl Hints {
 
     /// Takes the shares of guides alone.
     pub(super) fn from_guides(guides: &GuideShares) -> Self {
-        let zeros = vec![0.0; guides.weights.len()];
-        Self { shares: vec![zeros.clone(); guides.shares.len()], weights: zeros }.with_guides(guides)
+        let zeros: Vec<Vec<f32>> = guides.shares.iter().map(|plane| vec![0.0; plane.len()]).collect();
+        Self { shares: zeros.clone(), weights: zeros }.with_guides(guides)
     }
 
     /// Mixes in the shares of guides.
     pub(super) fn with_guides(mut self, guides: &GuideShares) -> Self {
-        for (i, weight) in self.weights.iter_mut().enumerate() {
-            let other = GUIDE_WEIGHT * guides.weights[i];
-            let sum = (*weight + other).max(f32::MIN_POSITIVE);
-            for (own, guide) in self.shares.iter_mut().zip(&guides.shares) {
-                own[i] = (*weight * own[i] + other * guide[i]) / sum;
+        let own = self.shares.iter_mut().zip(&mut self.weights);
+        for ((shares, weights), (guides, certainty)) in own.zip(guides.shares.iter().zip(&guides.weights)) {
+            for (i, (share, weight)) in shares.iter_mut().zip(weights).enumerate() {
+                let other = GUIDE_WEIGHT * certainty[i];
+                let sum = (*weight + other).max(f32::MIN_POSITIVE);
+                *share = (*weight * *share + other * guides[i]) / sum;
+                *weight += other;
             }
-            *weight += other;
         }
         self
     }
@@ -122,6 +123,6 @@ impl Hints {
             let sum = shares.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(SCORE_POWER);
             shares.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
         }
-        Self { shares, weights }
+        Self { weights: vec![weights; shares.len()], shares }
     }
 }

@@ -1,6 +1,8 @@
 //! Marked frames with a share for every pixel, and lookup of these shares from other frames.
 
-use super::{Evidence, flow_to_marked::FlowToMarked, means::window_means, seeds::Seeds};
+use super::{
+    Evidence, flow_to_marked::FlowToMarked, looks::Looks, means::window_means, mix::Known, seeds::Seeds,
+};
 use crate::{
     flow::{Vector, around},
     grid::{Grid, Mask},
@@ -33,9 +35,10 @@ pub(super) struct MarkedFrame {
     pub(super) weights: Vec<f32>,
     /// Names whose marks were propagated here from other frames.
     pub(super) propagated_names: BTreeSet<usize>,
-    /// `true` if the frame knows all names, by its own marks, by its guides or by propagation. Else its
-    /// pixels of no name may show a name that it does not know.
-    pub(super) knows_all_names: bool,
+    /// For each name whether the frame knows it, by its own marks, by its guides or by propagation.
+    pub(super) known_names: Vec<bool>,
+    /// Looks of the names, once that was needed.
+    pub(super) looks: Option<Looks>,
 }
 
 impl MarkedFrame {
@@ -60,13 +63,21 @@ impl MarkedFrame {
         weights
     }
 
-    /// Returns the known share of each pixel; the rest may show names that the frame does not know.
-    pub(super) fn known_share(&self) -> Vec<f32> {
-        let known = |(i, weight): (usize, &f32)| {
-            let is_known = self.knows_all_names || *weight > UNMARKED_WEIGHT;
-            if is_known { 1.0 } else { self.own_shares.iter().map(|plane| plane[i]).sum::<f32>().min(1.0) }
+    /// Returns `true` if the frame knows all names.
+    pub(super) fn knows_all_names(&self) -> bool {
+        self.known_names.iter().all(|is_known| *is_known)
+    }
+
+    /// Returns how far the names are known. A marked pixel shows no name but those that marks say.
+    pub(super) fn known(&self) -> Known {
+        let names = self.known_names.clone();
+        let share = |(i, weight): (usize, &f32)| {
+            let is_marked = *weight > UNMARKED_WEIGHT;
+            if is_marked { 1.0 } else { self.own_shares.iter().map(|plane| plane[i]).sum::<f32>().min(1.0) }
         };
-        self.weights.iter().enumerate().map(known).collect()
+        let has_others = !self.knows_all_names();
+        let others = self.weights.iter().enumerate().filter(|_| has_others).map(share).collect();
+        Known { names, others }
     }
 
     /// Adds the shares of this frame to the seeds of the Gaussians. Pixels outside the field of view do not
@@ -76,11 +87,12 @@ impl MarkedFrame {
         let field_of_view = scene.field_of_view.sampled(width, height);
         let weight = |(w, inside): (&f32, &bool)| if *inside { *w } else { 0.0 };
         let weights: Vec<f32> = self.weights.iter().zip(&field_of_view.data).map(weight).collect();
-        let known: Vec<f32> =
-            weights.iter().zip(self.known_share()).map(|(weight, known)| weight * known).collect();
+        let known = self.known();
         let planes = |names: Range<usize>| {
-            let shares = self.own_shares[names.clone()].iter().flat_map(|plane| plane.iter().zip(&weights));
-            (known.repeat(names.len()), shares.map(|(share, weight)| share * weight).collect())
+            let plane = |name: usize| weights.iter().enumerate().map(move |(i, weight)| (name, i, weight));
+            let each = || names.clone().flat_map(plane);
+            let own = each().map(|(name, i, weight)| weight * known.of(name, i));
+            (own.collect(), each().map(|(name, i, weight)| weight * self.own_shares[name][i]).collect())
         };
         seeds.add_pixels(scene, scene.cameras[frame].halved(), scene.time(frame), planes);
     }

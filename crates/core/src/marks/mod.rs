@@ -13,6 +13,7 @@
 
 mod appearance;
 mod carried;
+mod cell_grid;
 mod cells;
 mod chapter_marks;
 #[cfg(test)]
@@ -28,8 +29,10 @@ mod graph;
 mod guided;
 mod hints;
 mod links;
+mod looks;
 mod marked_frame;
 mod means;
+mod mix;
 mod notes;
 mod outside;
 mod plan;

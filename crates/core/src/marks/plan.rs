@@ -22,8 +22,8 @@ const MAX_GUIDES_IN_A_ROW: usize = 8;
 /// with outlines alone have no guides: outlines say where structures end.
 pub(super) struct Plan {
     places: BTreeMap<usize, Place>,
-    /// Number of names that marks show.
-    num_names: usize,
+    /// For each name, `true` if a mark that grows shows it.
+    is_shown: Vec<bool>,
 }
 
 struct Place {
@@ -54,7 +54,8 @@ impl Plan {
                 frames_of.entry(*name).or_default().insert(*frame, ());
             });
         }
-        let mut plan = Self { places: BTreeMap::new(), num_names: frames_of.len() };
+        let is_shown = (0..num_names).map(|name| frames_of.contains_key(&name)).collect();
+        let mut plan = Self { places: BTreeMap::new(), is_shown };
         for (frame, mut known) in shown {
             let num_shown = known.len();
             let has_guides = pointed.contains(&frame);
@@ -125,13 +126,18 @@ impl Plan {
 
     /// Returns `true` if the marks on a frame show all names.
     pub(super) fn shows_all(&self, frame: usize) -> bool {
-        self.places.get(&frame).is_some_and(|place| place.num_shown == self.num_names)
+        let num_names = self.is_shown.iter().filter(|is_shown| **is_shown).count();
+        self.places.get(&frame).is_some_and(|place| place.num_shown == num_names)
     }
 
-    /// Returns `true` if a frame knows all names, with those that were `propagated` to it. Else its pixels of
-    /// no name may show a name that it does not know.
-    pub(super) fn knows_all_names(&self, frame: usize, propagated: &BTreeSet<usize>) -> bool {
-        self.places.get(&frame).is_none_or(|place| place.known.union(propagated).count() == self.num_names)
+    /// Returns for each name whether a frame knows it, with those that were `propagated` to it. Its pixels may
+    /// show any other name, unless they show one that it knows.
+    pub(super) fn known_names(&self, frame: usize, propagated: &BTreeSet<usize>) -> Vec<bool> {
+        let knows = |place: &Place, name: usize| place.known.contains(&name) || propagated.contains(&name);
+        let is_known = |(name, is_shown): (usize, &bool)| {
+            !is_shown || self.places.get(&frame).is_none_or(|place| knows(place, name))
+        };
+        self.is_shown.iter().enumerate().map(is_known).collect()
     }
 }
 
@@ -167,13 +173,11 @@ mod tests {
         for (frame, guides) in guides {
             assert_eq!(plan.guides(frame), guides, "{frame}");
         }
-        assert!([4, 6, 10, 12].iter().all(|frame| plan.knows_all_names(*frame, &BTreeSet::new())));
+        let known = |frame: usize| plan.known_names(frame, &BTreeSet::new());
+        assert!([4, 6, 10, 12].into_iter().all(|frame| known(frame) == [true; 2]));
         assert!(plan.shows_all(14) && !plan.shows_all(12));
         assert_eq!(plan.with_sources(6), [4, 6, 10].into());
-        assert!(
-            !plan.knows_all_names(300, &BTreeSet::new()) && plan.propagation_sources(300).is_empty(),
-            "too far away"
-        );
+        assert!(known(300) == [true, false] && plan.propagation_sources(300).is_empty(), "too far away");
     }
 
     #[test]
@@ -191,7 +195,7 @@ mod tests {
         let marks = Marks::unchecked(marks.into());
         let evidence = [3, 4].map(|frame| (frame, Evidence::of(&marks, frame, &marks.names(), [8, 8])));
         let plan = Plan::of(&evidence.into(), &BTreeSet::new(), 1);
-        assert!(plan.guides(4).is_empty() && plan.knows_all_names(4, &BTreeSet::new()));
+        assert!(plan.guides(4).is_empty() && plan.known_names(4, &BTreeSet::new()) == [true]);
     }
 
     #[test]
@@ -205,10 +209,11 @@ mod tests {
             "the nearest frames"
         );
         assert!(
-            plan.propagation_sources(9).is_empty() && plan.knows_all_names(9, &BTreeSet::new()),
+            plan.propagation_sources(9).is_empty() && plan.known_names(9, &BTreeSet::new()) == [true; 3],
             "the first is its guide"
         );
-        assert!(!plan.knows_all_names(3, &fat) && plan.knows_all_names(3, &(&fat | &clip)));
+        assert_eq!(plan.known_names(3, &fat), [false, true, true]);
+        assert_eq!(plan.known_names(3, &(&fat | &clip)), [true; 3]);
         assert_eq!(plan.with_sources(9), [3, 9, 99].into());
     }
 }

@@ -47,9 +47,8 @@ pub(super) fn spread(
             Before::Nothing => 0.0,
             Before::Nearly(shares) => shares[k][i],
         };
-        // All names have the same weights of hints.
         let (hint_weight, hint) = match hints {
-            Some(hints) if links.degrees[i] > 0.0 => (HINT_WEIGHT * hints.weights[i], hints.shares[k][i]),
+            Some(hints) if links.degrees[i] > 0.0 => (HINT_WEIGHT * hints.weights[k][i], hints.shares[k][i]),
             _ => (0.0, 0.0),
         };
         [weight + pull + links.degrees[i] + hint_weight, weight * share + hint_weight * hint, x]

@@ -157,6 +157,66 @@ fn what_comes_in_later_is_not_found_before() {
 }
 
 #[test]
+fn where_a_tool_was_before_it_left_it_is_not_found() {
+    let scene = scene();
+    let with_tool = |frame: usize| {
+        let mut picture = picture(&scene, frame)?;
+        for (x, y, pixel) in picture.enumerate_pixels_mut().filter(|_| frame < 2) {
+            if (20..44).contains(&x) && (16..30).contains(&y) {
+                pixel.0 = [200, 205, 215];
+            }
+        }
+        Ok(picture)
+    };
+    let marks = vec![
+        stroke(0, "tool", true, &[[23.0, 23.0], [40.0, 23.0]]),
+        stroke(0, "liver", true, &[[8.0, 6.0], [14.0, 40.0]]),
+    ];
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
+    for frame in 0..FRAMES {
+        let found = carried.on_frame(&scene, frame, &mut |i| with_tool(i)).unwrap();
+        assert_eq!(carried.names(), ["liver", "tool"]);
+        let area = found.scores[1].data.iter().filter(|score| **score > 0.5).count();
+        let wanted = if frame < 2 { 250..450 } else { 0..20 };
+        assert!(wanted.contains(&area), "{area} px on frame {frame}");
+    }
+}
+
+#[test]
+fn a_name_on_another_frame_leaves_what_has_no_name_without_one() {
+    let scene = scene();
+    // Things from left to right: the third one comes in later, and the last and widest one is never marked.
+    let colour = |x: u32, frame: usize| match x {
+        ..12 => [170, 50, 45],
+        12..24 => [60, 140, 70],
+        24..36 if frame >= 2 => [215, 180, 80],
+        _ => [75, 130, 75],
+    };
+    let striped = |frame: usize| {
+        let grain = |x: u32, y: u32| ((x * 7 + y * 13) % 9) as u8;
+        let pixel = |x: u32, y: u32| image::Rgb(colour(x, frame).map(|level: u8| level + grain(x, y)));
+        Ok(RgbImage::from_fn(SIZE[0] as u32, SIZE[1] as u32, pixel))
+    };
+    let down = |x: f32| [[x, 6.0], [x, 42.0]];
+    let marks = vec![
+        stroke(0, "liver", true, &down(6.0)),
+        stroke(0, "bile", true, &down(18.0)),
+        stroke(3, "fat", true, &down(30.0)),
+    ];
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
+    for frame in 0..FRAMES {
+        let found = carried.on_frame(&scene, frame, &mut |i| striped(i)).unwrap();
+        for (scores, name) in found.scores.iter().zip(carried.names()) {
+            let unnamed = |i: &usize| i % SIZE[0] >= 40 && scores.data[*i] > 0.5;
+            let area = (0..SIZE[0] * SIZE[1]).filter(unnamed).count();
+            assert!(area < 60, "{name}: {area} px without a name on frame {frame}");
+        }
+    }
+}
+
+#[test]
 fn one_stroke_alone_does_not_flood_what_looks_different() {
     let (_, found) = scores(vec![stroke(1, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], 3);
     assert!(found.scores[0].at(12, 20) > 0.5, "{}", found.scores[0].at(12, 20));
