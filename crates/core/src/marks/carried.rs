@@ -36,7 +36,7 @@ const NAMES_AT_ONCE: usize = 16;
 /// Weight of the Gaussians' shares, beside 1 for a marked frame that looks the same.
 const GAUSSIAN_WEIGHT: f32 = 0.01;
 /// Weight of shares that are told by looks, where these are certain.
-const LOOKS_WEIGHT: f32 = 0.05;
+const LOOKS_WEIGHT: f32 = 0.07;
 /// Weight of guides where a frame shows all names itself, relative to any other frame.
 const GUIDE_WEIGHT_BESIDE_ALL_NAMES: f32 = 0.2;
 /// Likeness of two frames around a pixel above which a mark is propagated; small, because instruments shine

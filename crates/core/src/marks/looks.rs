@@ -21,7 +21,7 @@ pub(super) struct Looks(Regression);
 pub(super) struct Told {
     /// [names][pixels].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Certainty of each pixel, 0–1: near 0 where nothing on the segmented frame looks like it.
+    /// Certainty of each pixel, 0–1: near 0 where nothing on the segmented frame looks like it, or two names do.
     pub(super) certainty: Vec<f32>,
 }
 
@@ -54,7 +54,7 @@ impl Looks {
         let Prediction { mut score, nearness } = self.0.predict(picture.features());
         let mut certainty = nearness;
         for (i, certainty) in certainty.iter_mut().enumerate() {
-            *certainty *= score.iter().map(|plane| plane[i]).fold(0.0, f32::max);
+            *certainty *= lead(score.iter().map(|plane| plane[i]));
             score.iter_mut().for_each(|plane| plane[i] = plane[i].powi(SCORE_POWER));
             let sum: f32 = score.iter().map(|plane| plane[i]).sum();
             score.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
@@ -66,6 +66,13 @@ impl Looks {
             certainty: picture.at_half(&certainty),
         }
     }
+}
+
+/// Returns by how much the largest score leads over the second one.
+fn lead(scores: impl Iterator<Item = f32>) -> f32 {
+    let [largest, second] = scores
+        .fold([0.0_f32; 2], |[largest, second], score| [largest.max(score), second.max(score.min(largest))]);
+    largest - second
 }
 
 #[cfg(test)]
@@ -105,5 +112,12 @@ mod tests {
         assert!(was < 0.1 && sure > 0.7, "{was} {sure}");
         assert!(is > 0.9 && as_sure > 0.7, "{is} {as_sure}");
         assert!(unsure < 0.1, "nothing looked like this: {unsure}");
+    }
+
+    #[test]
+    fn two_names_that_look_the_same_tell_nothing() {
+        assert_eq!(lead([0.25, 1.0, 0.75].into_iter()), 0.25);
+        assert_eq!(lead([0.5, 0.5].into_iter()), 0.0);
+        assert_eq!(lead(std::iter::empty()), 0.0);
     }
 }
