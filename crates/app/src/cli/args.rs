@@ -314,7 +314,8 @@ fn but_not(text: &str) -> Result<(String, Vec<String>), String> {
         .ok_or_else(|| "give a prompt and what it is not, such as \"liver=fat, bile\"".into())
 }
 
-fn words(text: &str) -> Result<String, String> {
+/// Reads words to look for, of which there is at least one.
+pub(super) fn words(text: &str) -> Result<String, String> {
     let text = text.trim();
     if text.is_empty() { Err("give a few words".into()) } else { Ok(text.to_owned()) }
 }

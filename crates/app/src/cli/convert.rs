@@ -1,7 +1,7 @@
 //! `surgtpgs convert`: scenes to and from files of other programs.
 
 use super::{
-    args::{FrameRange, encoder_for_scene, frame_range, unit_number},
+    args::{FrameRange, encoder_for_scene, frame_range, unit_number, words},
     console::{ProgressView, print_report, say, watch_interrupts},
     page,
     verb::{Exit, Run},
@@ -64,7 +64,7 @@ pub(super) struct ConvertArgs {
     #[arg(long, conflicts_with_all = ["frame", "time", "frames", "reference"])]
     quantize: bool,
     /// Words to show in a page, with what they find; may be given several times
-    #[arg(long, visible_alias = "prompts", value_name = "TEXT", num_args = 1..)]
+    #[arg(long, visible_alias = "prompts", value_name = "TEXT", num_args = 1.., value_parser = words)]
     prompt: Vec<String>,
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
     #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath, requires = "prompt")]
@@ -584,6 +584,7 @@ mod tests {
         assert!(outputs::scene_file(&gone.join("page.html"), &inputs, false).is_err());
         let unasked = ["convert", "in", "page.html", "--text-encoder", "builtin"];
         assert!(Line::try_parse_from(unasked).is_err());
+        assert!(Line::try_parse_from(["convert", "in", "page.html", "--prompt", " "]).is_err());
     }
 
     #[test]

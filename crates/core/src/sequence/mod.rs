@@ -121,7 +121,10 @@ impl Sequence {
             let what = format!("this folder holds an unfinished {kind}");
             return Err(Error::input_at(path, what, "Run the command again that makes it."));
         }
-        if is_present(path) && !path.is_dir() {
+        if !is_present(path) {
+            return Err(Error::input_at(path, "there is no such file or folder", "Check the path."));
+        }
+        if !path.is_dir() {
             open_regular(path).map_err(|e| Error::io("open the recording", path, e))?;
         }
         let file = settings::own_file(path);

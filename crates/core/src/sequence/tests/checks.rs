@@ -20,6 +20,13 @@ fn any(messages: &[String], part: &str) -> bool {
 }
 
 #[test]
+fn a_path_that_leads_nowhere_is_said_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = Sequence::open(&folder.path().join("clip.mp4")).unwrap_err();
+    assert!(error.to_string().contains("there is no such file or folder"), "{error}");
+}
+
+#[test]
 fn a_sound_recording_passes() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
