@@ -334,11 +334,12 @@ impl Carried {
         Ok(())
     }
 
-    /// Returns the shares that are looked up in the guides of a frame; `None` if it has no guides.
+    /// Returns the shares that the guides of a frame give it: along the flow and by looks; `None` if it has no
+    /// guides.
     fn guide_shares(
         &mut self,
         scene: &Scene,
-        (frame, luma): (usize, &Grid<f32>),
+        (frame, picture, luma): (usize, &RgbImage, &Grid<f32>),
         pictures: &mut Pictures<'_>,
     ) -> Result<Option<GuideShares>> {
         let guides = self.plan.guides(frame).to_vec();
@@ -348,6 +349,7 @@ impl Carried {
         let mut mix = Mix::nothing(self.names.len(), luma.data.len());
         let lookup = Lookup { frame, luma, marked: &guides, with_neighbours: false };
         self.look_up(scene, lookup, &mut mix, pictures)?;
+        self.tell_by_looks(scene, (frame, picture), &guides, &mut mix, pictures)?;
         let (shares, mut weights) = mix.finish();
         if self.plan.shows_all(frame) {
             weights.iter_mut().flatten().for_each(|weight| *weight *= GUIDE_WEIGHT_BESIDE_ALL_NAMES);
@@ -439,7 +441,7 @@ impl Carried {
         }
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
-        let guides = self.guide_shares(scene, (frame, &luma), pictures)?;
+        let guides = self.guide_shares(scene, (frame, &picture, &luma), pictures)?;
         let propagated = self.propagate(scene, (frame, &picture, &luma), pictures)?;
         let segmented = if let Some(growing) = self.growing.get(&frame) {
             let is_measured = scene.provenance.depth.is_some_and(DepthOrigin::is_measured);
