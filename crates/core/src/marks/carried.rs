@@ -225,11 +225,9 @@ impl Carried {
         } else {
             let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.blend_neighbours(scene, *marked, pictures))?;
-            let shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
-            let mut mix = Mix::of(&shares, |_, _| GAUSSIAN_WEIGHT);
             let luma = luma_of(&picture);
             let lookup = Lookup { frame, luma: &luma, marked: &marked, with_neighbours: true };
-            self.look_up(scene, lookup, &mut mix, pictures)?;
+            let mut mix = self.gaussians_and_flow(scene, lookup, pictures)?;
             self.tell_by_looks(scene, (frame, &picture), &marked, &mut mix, pictures)?;
             mix.finish().0
         };
@@ -281,6 +279,19 @@ impl Carried {
             planes.extend((0..part.len()).map(|k| blended.value(k).to_vec()));
         }
         Ok(planes)
+    }
+
+    /// Mixes the Gaussians' shares of a frame with those that are looked up in marked frames.
+    fn gaussians_and_flow(
+        &mut self,
+        scene: &Scene,
+        lookup: Lookup<'_>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Mix> {
+        let shares = self.blended(scene, &FrameSplats::at_half(scene, lookup.frame), pictures)?;
+        let mut mix = Mix::of(&shares, |_, _| GAUSSIAN_WEIGHT);
+        self.look_up(scene, lookup, &mut mix, pictures)?;
+        Ok(mix)
     }
 
     /// Adds the shares that are looked up in marked frames to those of a frame.
@@ -453,12 +464,9 @@ impl Carried {
             };
             spread_over(&marked, growing, &propagated, self.names.len(), guides)
         } else {
-            let shares = self.blended(scene, &FrameSplats::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
             let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
-            let mut mix = Mix::of(&shares, |_, _| GAUSSIAN_WEIGHT);
-            self.look_up(scene, lookup, &mut mix, pictures)?;
-            mix.finish().0
+            self.gaussians_and_flow(scene, lookup, pictures)?.finish().0
         };
         let evidence = &self.evidence[&frame];
         let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);

@@ -20,7 +20,7 @@ const HIGH_ODDS: f64 = 6.0;
 /// Number of marked nodes per name from which on hints have their full weight.
 const MANY_MARKED: f32 = 200.0;
 /// Power of scores: names with close scores do not share a node.
-const SCORE_POWER: i32 = 2;
+pub(super) const SCORE_POWER: i32 = 2;
 /// Weight of the shares of guides where they are certain, beside that of appearance.
 const GUIDE_WEIGHT: f32 = 100.0;
 

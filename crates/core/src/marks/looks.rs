@@ -5,14 +5,13 @@
 use super::{
     appearance::{Prediction, Regression, Unlabelled},
     cells::{CellFeatures, MIN_SHOWN_SHARE},
+    hints::SCORE_POWER,
 };
 use crate::grid::Mask;
 use image::RgbImage;
 
 /// Largest number of names that are told by looks: the time grows with its square.
 pub(super) const MAX_NAMES: usize = 64;
-/// Power of scores: names with close scores do not share a cell.
-const SCORE_POWER: i32 = 2;
 
 /// Looks of each name on a segmented frame, and of what shows none of them.
 pub(super) struct Looks(Regression);
