@@ -368,17 +368,28 @@ impl Carried {
         Ok(Some(GuideShares { shares, weights }))
     }
 
-    /// Propagates marks of names that neither a frame nor its guides know to the frame. Returns pixels of its
-    /// picture, each with the name that it shows. A name of which too few marked pixels lead to pixels that
-    /// look the same is taken to be not in view.
+    /// Returns the names that were propagated to the guides of a frame.
+    fn propagated_to_guides(&self, frame: usize) -> BTreeSet<usize> {
+        let guides = self.plan.guides(frame).iter().filter_map(|guide| self.cache.get(*guide));
+        guides.flat_map(|guide| guide.propagated_names.iter().copied()).collect()
+    }
+
+    /// Propagates marks of names that neither a frame nor its guides know to the frame; `propagated_names` are
+    /// those that were propagated to the guides. Returns pixels of its picture, each with the name that it
+    /// shows. A name of which too few marked pixels lead to pixels that look the same is taken to be not in
+    /// view.
     fn propagate(
         &mut self,
         scene: &Scene,
         (frame, picture, luma): (usize, &RgbImage, &Grid<f32>),
+        propagated_names: &BTreeSet<usize>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<(usize, usize)>> {
         let (mut propagated, settings) = (Vec::new(), self.settings);
-        let sources = if settings.uses_flow { self.plan.propagation_sources(frame) } else { BTreeMap::new() };
+        let mut sources =
+            if settings.uses_flow { self.plan.propagation_sources(frame) } else { BTreeMap::new() };
+        sources.values_mut().for_each(|names| names.retain(|name| !propagated_names.contains(name)));
+        sources.retain(|_, names| !names.is_empty());
         if sources.is_empty() {
             return Ok(propagated);
         }
@@ -453,7 +464,9 @@ impl Carried {
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
         let guides = self.guide_shares(scene, (frame, &picture, &luma), pictures)?;
-        let propagated = self.propagate(scene, (frame, &picture, &luma), pictures)?;
+        let mut propagated_names = self.propagated_to_guides(frame);
+        let propagated = self.propagate(scene, (frame, &picture, &luma), &propagated_names, pictures)?;
+        propagated_names.extend(propagated.iter().map(|(_, name)| *name));
         let segmented = if let Some(growing) = self.growing.get(&frame) {
             let is_measured = scene.provenance.depth.is_some_and(DepthOrigin::is_measured);
             let depth = is_measured.then(|| FrameSplats::at_half(scene, frame).depth());
@@ -476,7 +489,6 @@ impl Carried {
         let own_shares = shares.par_iter().map(half).collect();
         let weights = weights(evidence, &luma, width);
         let flows = self.cache.take_flow(frame, &luma, self.settings.corrects_drift);
-        let propagated_names = propagated.into_iter().map(|(_, name)| name).collect();
         let known_names = self.plan.known_names(frame, &propagated_names);
         let marked = MarkedFrame {
             luma,

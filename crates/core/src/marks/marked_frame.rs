@@ -33,7 +33,7 @@ pub(super) struct MarkedFrame {
     pub(super) shares_with_neighbours: Option<Vec<Vec<f32>>>,
     /// Weight of each pixel: 1 if its label is decided by a mark.
     pub(super) weights: Vec<f32>,
-    /// Names whose marks were propagated here from other frames.
+    /// Names whose marks were propagated from other frames to this one, to its guides, to their guides and so on.
     pub(super) propagated_names: BTreeSet<usize>,
     /// For each name whether the frame knows it, by its own marks, by its guides or by propagation.
     pub(super) known_names: Vec<bool>,

@@ -1,6 +1,6 @@
 //! The order in which frames with growing marks are segmented. A mark on a second frame is often for one
 //! structure alone. The other names come from the guides of the frame: marked frames that show as many names
-//! or more. Names that neither the frame nor its guides know are propagated: their marks are carried to it
+//! or more. Names that neither the frame nor its guides show may be propagated: their marks are carried to it
 //! from the nearest frames that have some.
 
 use super::Evidence;
@@ -28,12 +28,12 @@ pub(super) struct Plan {
 
 struct Place {
     guides: Vec<usize>,
-    /// Frames whose marks are propagated here, with the names that count.
+    /// Frames whose marks may be propagated here, with the names that count.
     propagation_sources: BTreeMap<usize, BTreeSet<usize>>,
     num_shown: usize,
     /// Length of the longest row of guides that leads to it.
     num_steps: usize,
-    /// Names that the frame or its guides know.
+    /// Names that marks on the frame, on its guides, on their guides and so on show.
     known: BTreeSet<usize>,
 }
 
@@ -60,9 +60,7 @@ impl Plan {
             let num_shown = known.len();
             let has_guides = pointed.contains(&frame);
             let guides = if has_guides { plan.choose_guides(frame, num_shown) } else { Vec::new() };
-            for guide in guides.iter().map(|guide| &plan.places[guide]) {
-                known.extend(guide.known.iter().chain(guide.propagation_sources.values().flatten()));
-            }
+            guides.iter().for_each(|guide| known.extend(&plan.places[guide].known));
             let mut propagation_sources: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
             for (name, frames) in frames_of.iter().filter(|(name, _)| !known.contains(name)) {
                 for source in beside(frame, frames) {
@@ -96,7 +94,7 @@ impl Plan {
         self.places.get(&frame).map_or(&[], |place| &place.guides)
     }
 
-    /// Returns the frames whose marks are propagated to a frame, with the names that count.
+    /// Returns the frames whose marks may be propagated to a frame, with the names that count.
     pub(super) fn propagation_sources(&self, frame: usize) -> BTreeMap<usize, BTreeSet<usize>> {
         self.places.get(&frame).map(|place| place.propagation_sources.clone()).unwrap_or_default()
     }
@@ -130,8 +128,8 @@ impl Plan {
         self.places.get(&frame).is_some_and(|place| place.num_shown == num_names)
     }
 
-    /// Returns for each name whether a frame knows it, with those that were `propagated` to it. Its pixels may
-    /// show any other name, unless they show one that it knows.
+    /// Returns for each name whether a frame knows it, with those that were `propagated` to it or to its guides.
+    /// Its pixels may show any other name, unless they show one that it knows.
     pub(super) fn known_names(&self, frame: usize, propagated: &BTreeSet<usize>) -> Vec<bool> {
         let knows = |place: &Place, name: usize| place.known.contains(&name) || propagated.contains(&name);
         let is_known = |(name, is_shown): (usize, &bool)| {
@@ -208,10 +206,12 @@ mod tests {
             [(9, fat.clone()), (99, clip.clone())].into(),
             "the nearest frames"
         );
-        assert!(
-            plan.propagation_sources(9).is_empty() && plan.known_names(9, &BTreeSet::new()) == [true; 3],
-            "the first is its guide"
+        assert_eq!(
+            plan.propagation_sources(9),
+            [(99, clip.clone())].into(),
+            "its guide does not show the clip"
         );
+        assert_eq!(plan.known_names(9, &BTreeSet::new()), [false, true, true]);
         assert_eq!(plan.known_names(3, &fat), [false, true, true]);
         assert_eq!(plan.known_names(3, &(&fat | &clip)), [true; 3]);
         assert_eq!(plan.with_sources(9), [3, 9, 99].into());
