@@ -204,7 +204,7 @@ impl Marks {
     }
 
     /// Returns those marks that count and that `is_wanted`.
-    pub(super) fn filtered(&self, is_wanted: impl Fn(&Mark) -> bool) -> Self {
+    pub(crate) fn filtered(&self, is_wanted: impl Fn(&Mark) -> bool) -> Self {
         let marks: Vec<Mark> = self.standing().filter(|mark| is_wanted(mark)).cloned().collect();
         Self { standing: (0..marks.len()).collect(), marks }
     }

@@ -28,7 +28,7 @@ pub(super) const WORDS: &str = "words.f16";
 /// Largest size of a manifest in bytes: that of some million frames.
 const MOST_MANIFEST: u64 = 1 << 28;
 const VERSION: u32 = 1;
-const AGAIN: &str = "Prepare the recording again.";
+pub(super) const AGAIN: &str = "Prepare the recording again.";
 
 /// Contents of `prepared.json`.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]

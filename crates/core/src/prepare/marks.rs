@@ -3,21 +3,26 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
-    files::{Manifest, has_region, region_file, write_region_map},
+    files::{AGAIN, Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
 };
 use crate::{
     Error, Result,
     codec::CodecSettings,
-    marks::{Evidence, Mark, Marks, Shape},
+    files::write_whole,
+    hash::{require_sha256, sha256},
+    marks::{Evidence, Marks},
     num,
     progress::{Observer, Progress},
+    reading::{MOST_BYTES, read_regular},
     sequence::{Class, Sequence, class_colour},
 };
 use std::path::Path;
 
 /// Stage of reading marks in its progress.
 const STAGE: &str = "reading marks";
+/// File of the marks in a prepared folder.
+const MARKS: &str = "regions/marks.json";
 
 /// Marks whose names are embedded.
 #[derive(Clone, Debug)]
@@ -69,6 +74,9 @@ pub fn prepare_from_marks(
         manifest.sha256.insert(region_file(frame), sha256);
         Progress::new("writing features", done + 1, frames.len()).tell(observer)?;
     }
+    let seen = marks.filtered(|mark| frames.binary_search(&mark.frame).is_ok()).to_text()?;
+    write_whole(&folder.join(MARKS), seen.as_bytes())?;
+    manifest.sha256.insert(MARKS.to_owned(), sha256(seen.as_bytes()));
     let mut rows = Vec::new();
     for k in present {
         let row = embeddings.get(k).and_then(|row| num::normalised(row));
@@ -142,22 +150,21 @@ fn region_map(sequence: &Sequence, marks: &Marks, frame: usize, names: &[String]
 }
 
 impl Prepared {
-    /// Returns the marks that the folder was prepared from; each pixel belongs to one name. None if features
-    /// come from elsewhere.
+    /// Returns the marks that the folder was prepared from. `None` if features come from elsewhere.
     pub(crate) fn marks(&self) -> Result<Option<Marks>> {
         if self.origin != Origin::Marks {
             return Ok(None);
         }
-        let mut marks = Vec::new();
-        for &frame in &self.region_frames {
-            let Some(map) = self.regions(frame)? else { continue };
-            for (k, (class, _)) in self.classes.iter().enumerate() {
-                let mask = map.map(|row| usize::from(*row) == k);
-                if mask.count() > 0 {
-                    marks.push(Mark::new(frame, &class.name, true, Shape::from(&mask)));
-                }
-            }
-        }
-        Ok(Some(Marks::unchecked(marks)))
+        let path = self.folder.join(MARKS);
+        let Some(expected) = self.sha256.get(MARKS) else {
+            return Err(Error::input_at(
+                &path,
+                "the marks that the folder was prepared from are missing",
+                AGAIN,
+            ));
+        };
+        let bytes = read_regular(&path, MOST_BYTES).map_err(|e| Error::io("read the marks", &path, e))?;
+        require_sha256(&path, &bytes, expected, AGAIN)?;
+        Marks::parse(&bytes, &self.folder, &self.sequence.canvas()).map(Some)
     }
 }

@@ -8,6 +8,7 @@
 //! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
 //! | `words.f16` | vectors of the vocabulary's texts, one after the other, little-endian half precision |
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
+//! | `regions/marks.json` | if features come from marks by hand: those on training frames |
 //! | `masks/frame_000000.json` | if features come from automatic masks: these, as pycocotools reads them |
 //! | `depth/frame_000000.npy` | if a network estimated depth: z in scene units, [h, w] of any size |
 //! | `estimates/frame_000000.safetensors` | `estimates` [h, w]: what the depth network gave |
