@@ -99,10 +99,10 @@ impl Backend for EngineBackend {
         task: &TaskContext,
     ) -> Result<ExportSummary> {
         let mut engine = Engine::open(&request.scene, EngineOptions::default())?;
-        engine.change_settings(|_| RelevancySettings {
+        engine.change_settings(|usual| RelevancySettings {
             phrases: negatives.phrases.clone(),
             class_negatives: negatives.uses_classes,
-            ..Default::default()
+            ..usual
         });
         jobs::export(&mut engine, request, &mut |p| task.follow(p))
     }

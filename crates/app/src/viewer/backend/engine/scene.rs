@@ -185,10 +185,12 @@ impl FrameSource for SceneSource {
             Ok(view) => view,
             Err(e) => return questions.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
         };
-        if let Ok(scores) = self.ask(&view, questions) {
-            return scores.into_iter().map(Ok).collect();
+        match self.ask(&view, questions) {
+            Ok(scores) => return scores.into_iter().map(Ok).collect(),
+            Err(Error::Cancelled) => return questions.iter().map(|_| Err(Error::Cancelled)).collect(),
+            // One by one, so that words that cannot be read fail alone.
+            Err(_) => {}
         }
-        // One by one, so that words that cannot be read fail alone.
         let one = |question: &Question| {
             let missing = || Error::input("there is no score for these words", "");
             self.ask(&view, std::slice::from_ref(question)).and_then(|mut s| s.pop().ok_or_else(missing))
