@@ -60,6 +60,19 @@ fn chapters_as_jobs_of_their_own_in_one_process_or_interrupted_come_to_the_same_
 }
 
 #[test]
+fn a_training_that_is_refused_takes_nothing_of_an_earlier_one() {
+    let place = place();
+    let folder = place.path();
+    let kept = "scene.chapter-0000.safetensors";
+    train(folder, &["-o", kept, "--chapter", "0"]).ok();
+    let anew = train(folder, &["-o", "scene.safetensors", "--force", "--chapter", "99"]);
+    assert!(anew.refused(1).contains("there is no chapter 99; the recording has 3"));
+    assert_eq!(names(folder), ["prepared", "recording", kept]);
+    train(folder, &["-o", "scene.safetensors", "--force"]).ok();
+    assert_eq!(names(folder), ["prepared", "recording", "scene.safetensors"]);
+}
+
+#[test]
 fn chapters_as_jobs_of_a_batch_come_to_the_same_bytes_as_the_batch_alone() {
     let place = place();
     let folder = place.path();

@@ -308,7 +308,6 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
         }
         return Ok(Begun::Whole(Box::new(trainer)));
     }
-    jobs::remove_chapters(place.scene)?;
     let settings = args.settings();
     let mut view = ProgressView::default();
     let mut plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
@@ -318,6 +317,7 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
             Some(chapter.ok_or_else(|| no_chapter(index, plan.chapters.len()))?)
         }
         None if !plan.chapters.is_empty() => {
+            jobs::remove_chapters(place.scene)?;
             jobs::remove_file(place.checkpoint)?;
             return Ok(Begun::InChapters(Box::new(settings), Some(plan)));
         }
@@ -325,8 +325,9 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     };
     let (chapter, observer) = (chapter.as_ref(), &mut |p: &jobs::Progress<'_>| view.show(p));
     let mut trainer = Trainer::planned(sequence, prepared, settings, &mut plan, chapter, observer)?;
+    // An earlier training must not be gone on with once another one has begun.
+    jobs::remove_chapters(place.scene)?;
     if place.checkpoint.exists() {
-        // An earlier training must not be gone on with once another one has begun.
         trainer.save_checkpoint(place.checkpoint)?;
     }
     Ok(Begun::Whole(Box::new(trainer)))
