@@ -15,7 +15,7 @@ use crate::{
     num,
     progress::{Observer, Progress},
     reading::{MOST_BYTES, read_regular},
-    sequence::{Class, Sequence, class_colour},
+    sequence::{Class, NO_LABEL, Sequence, class_colour},
 };
 use std::path::Path;
 
@@ -57,6 +57,10 @@ pub fn prepare_from_marks(
         Progress::new(STAGE, done + 1, frames.len()).tell(observer)?;
     }
     let present: Vec<usize> = (0..names.len()).filter(|k| pixels[*k] > 0).collect();
+    if present.len() > usize::from(NO_LABEL) {
+        let hint = format!("At most {NO_LABEL} can be marked.");
+        return Err(Error::input(format!("there are more than {NO_LABEL} names"), hint));
+    }
     clear_folder(folder, &sequence)?;
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.origin = Origin::Marks;

@@ -178,6 +178,25 @@ fn marks_that_show_nothing_are_refused_with_the_reason() {
 }
 
 #[test]
+fn more_names_than_there_are_ids_are_refused_before_anything_is_written() {
+    let place = tempfile::tempdir().unwrap();
+    write_clip(&place.path().join("clip"));
+    let sequence = Sequence::open(&place.path().join("clip")).unwrap();
+    let mark = |k: u8| {
+        let [x, y] = [k % 16, k / 16].map(|place| 4.0 + f32::from(place));
+        let pixel = Shape::Box { corners_px: [[x, y], [x + 1.0, y + 1.0]] };
+        Mark::new(0, &format!("vessel {k}"), true, pixel)
+    };
+    let marks = Marks::new((0..=u8::MAX).map(mark).collect(), &sequence.canvas()).unwrap();
+    let named = MarkedNames { marks: &marks, encoder: encoder(), embeddings: &[] };
+    let folder = place.path().join("prep");
+    let refused = prepare_from_marks(sequence, named, false, &QUICK, &folder, &mut unobserved);
+    let told = refused.err().map(|e| e.to_string()).unwrap();
+    assert_eq!(told, "there are more than 255 names. At most 255 can be marked.");
+    assert!(!folder.exists());
+}
+
+#[test]
 fn names_that_the_encoder_cannot_tell_apart_are_told() {
     let (_place, mut prepared) = prepared(false);
     assert!(prepared.cautions().is_empty());
