@@ -134,14 +134,15 @@ fn a_bad_recording_stops_no_other_and_a_second_run_does_what_changed() {
 #[test]
 fn a_recording_without_what_is_asked_for_is_done() {
     let batch = Batch::new(
-        "[[recording]]\npath = \"good\"\niterations = 10\nlabels = true\nprompts = [\"spaceship\"]\n",
+        "[[recording]]\npath = \"good\"\niterations = 10\nlabels = true\nprompts = [\"spaceship\"]\n\
+         frames = \"2..4\"\n",
     );
     let report = batch.run(&["--json"]).ok().json();
     let exported = &report["recordings"][0]["steps"][3]["report"];
     assert_eq!(exported["export"]["left_out"][0]["text"], "spaceship");
-    assert!(
-        exported["query"]["prompts"][0]["frames"].as_array().unwrap().iter().all(|f| f["answer"] == "absent")
-    );
+    let asked = exported["query"]["prompts"][0]["frames"].as_array().unwrap();
+    assert!(asked.iter().all(|f| f["answer"] == "absent"));
+    assert!(asked.iter().map(|f| &f["frame"]).eq([2, 3]), "{asked:?}");
     assert!(batch.read("report.md").contains("not in this recording"));
 }
 

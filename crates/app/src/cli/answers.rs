@@ -1,9 +1,15 @@
 //! Answers to prompts, frame by frame.
 
-use super::console::ProgressView;
 use crate::engine::{Answer, Engine, Negatives, Question, Verdict, absence};
 use std::path::PathBuf;
-use surgtpgs_core::{Result, marks::LookHere, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
+use surgtpgs_core::{
+    Result,
+    marks::LookHere,
+    mask::Region,
+    object::seen_area,
+    progress::{Observer, Progress},
+    raster::MIN_DEPTH_ALPHA,
+};
 
 /// Answers to all prompts, as they are reported in JSON; the keys are a contract.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -115,7 +121,12 @@ impl PromptAnswers {
 }
 
 /// Asks `questions` on `frames`.
-pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize]) -> Result<Answers> {
+pub(super) fn ask(
+    engine: &mut Engine,
+    questions: &[Question],
+    frames: &[usize],
+    observer: &mut Observer<'_>,
+) -> Result<Answers> {
     engine.set_questions(questions)?;
     let answers = engine.answers().to_vec();
     let stand_ins = StandIns::of(questions, &answers);
@@ -133,7 +144,6 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
     };
     let mut prompts: Vec<PromptAnswers> = questions.iter().zip(&answers).map(blank).collect();
     let sources = engine.frame_sources();
-    let mut view = ProgressView::default();
     let is_measured = engine.depth_origin().is_measured();
     let mut in_doubt: Vec<LookHere> = Vec::new();
     for (done, &frame) in frames.iter().enumerate() {
@@ -163,7 +173,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
             });
         }
         in_doubt.extend(engine.look_here_on(frame)?);
-        view.count("asking", done + 1, frames.len());
+        Progress::new("asking", done + 1, frames.len()).tell(observer)?;
     }
     prompts.iter_mut().for_each(PromptAnswers::conclude);
     engine.set_questions(questions)?;
@@ -205,6 +215,22 @@ impl StandIns {
 mod tests {
     use super::*;
     use crate::engine::asking_tests::unfinished_engine;
+    use std::ops::ControlFlow;
+    use surgtpgs_core::{Error, progress::unobserved};
+
+    #[test]
+    fn asking_stops_after_a_frame_on_request() {
+        let mut engine = unfinished_engine();
+        let questions = [Question::words("liver", Negatives::of(engine.settings()))];
+        let mut done = Vec::new();
+        let mut stop = |p: &Progress<'_>| {
+            done.push(p.done);
+            ControlFlow::Break(())
+        };
+        let stopped = ask(&mut engine, &questions, &[0, 1], &mut stop);
+        assert!(matches!(stopped, Err(Error::Cancelled)));
+        assert_eq!(done, [1]);
+    }
 
     #[test]
     fn nobody_looked_on_frames_that_no_chapter_shows() {
@@ -213,7 +239,7 @@ mod tests {
             let negatives = Negatives::of(engine.settings());
             Question::words(words, negatives)
         });
-        let answers = ask(&mut engine, &questions, &[0, 1, 2, 3]).unwrap();
+        let answers = ask(&mut engine, &questions, &[0, 1, 2, 3], &mut unobserved).unwrap();
         assert_eq!(answers.frames_not_shown, [[2, 3]]);
         let [liver, spleen] = &answers.prompts[..] else { panic!("two prompts") };
         let verdicts: Vec<Verdict> = liver.frames.iter().map(|f| f.answer).collect();
@@ -223,7 +249,7 @@ mod tests {
         assert!(last.seen_area.is_none() && !last.found);
         assert_eq!((liver.frames_found(), liver.frames_shown(), liver.answer), (2, 2, Verdict::Found));
         assert_eq!(spleen.answer, Verdict::Absent);
-        let beyond = ask(&mut engine, &questions, &[2, 3]).unwrap();
+        let beyond = ask(&mut engine, &questions, &[2, 3], &mut unobserved).unwrap();
         assert_eq!(beyond.prompts[0].answer, Verdict::NotShown);
         assert_eq!(beyond.prompts[1].why_not_found(), "no chapter of the scene shows these frames");
     }
@@ -233,7 +259,7 @@ mod tests {
         let mut engine = unfinished_engine();
         let negatives = Negatives::of(engine.settings());
         let questions = ["spleen", "Leber"].map(|words| Question::words(words, negatives.clone()));
-        let answers = ask(&mut engine, &questions, &[0]).unwrap();
+        let answers = ask(&mut engine, &questions, &[0], &mut unobserved).unwrap();
         let [spleen, unknown] = &answers.prompts[..] else { panic!("two prompts") };
         assert_eq!((spleen.answer, unknown.answer), (Verdict::Absent, Verdict::Absent));
         assert_eq!(spleen.why_not_found(), "not in this recording (means spleen)");

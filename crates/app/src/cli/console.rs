@@ -104,9 +104,9 @@ impl ProgressView {
         Some(if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) })
     }
 
-    /// Shows the progress of a loop that runs to its end.
-    pub fn count(&mut self, stage: &str, done: usize, total: usize) {
-        let _ = self.show(&Progress::new(stage, done, total));
+    /// Shows the progress of a loop. Returns [`Error::Cancelled`] if it shall stop.
+    pub fn count(&mut self, stage: &str, done: usize, total: usize) -> Result<()> {
+        Progress::new(stage, done, total).tell(&mut |p| self.show(p))
     }
 
     fn start_stage(&mut self, progress: &Progress<'_>) {

@@ -306,7 +306,7 @@ fn write_folder(
         let bytes = still(&now, scene.time(frame), frame, format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
-        view.count("converting", k + 1, frames.len());
+        view.count("converting", k + 1, frames.len())?;
     }
     done.lost.extend(match &missing[..] {
         [] => None,

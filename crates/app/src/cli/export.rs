@@ -45,7 +45,7 @@ pub(super) struct ExportArgs {
     seg_type: SegType,
     /// Frames to work on
     #[command(flatten)]
-    frames: FrameArgs,
+    pub(super) frames: FrameArgs,
     /// Pictures to mask
     #[arg(long, value_enum, default_value_t = SourceArg::Original)]
     source: SourceArg,

@@ -1,6 +1,9 @@
 //! Prompts of a web page: their answers on all frames, and the Gaussians that they find.
 
-use super::answers::{PromptAnswers, ask};
+use super::{
+    answers::{PromptAnswers, ask},
+    console::ProgressView,
+};
 use crate::{
     engine::{BackendChoice, EncoderChoice, Engine, EngineOptions, Negatives, Question, Verdict},
     settings::PROMPT_COLOURS,
@@ -26,7 +29,10 @@ pub(super) fn prompts(
     let negatives = Negatives::of(engine.settings());
     let questions: Vec<Question> =
         words.iter().map(|text| Question::words(text, negatives.clone())).collect();
-    let answers = ask(&mut engine, &questions, &Vec::from_iter(0..scene.num_frames()))?;
+    let frames = Vec::from_iter(0..scene.num_frames());
+    let mut view = ProgressView::default();
+    let answers = ask(&mut engine, &questions, &frames, &mut |p| view.show(p))?;
+    drop(view);
     let shares = shares(&mut engine)?;
     let shown = answers.prompts.into_iter().zip(shares).zip(PROMPT_COLOURS.into_iter().cycle());
     Ok(shown.map(|((prompt, shares), colour)| page_prompt(prompt, shares, colour)).collect())

@@ -3,7 +3,7 @@
 use super::{
     answers::{Answers, PromptAnswers, ask},
     args::{FrameArgs, MarkArgs, PromptArgs, RelevancyArgs, SceneArgs},
-    console::{print, print_data, print_json, say},
+    console::{ProgressView, print, print_data, print_json, say},
     objects,
     verb::{Exit, Run},
 };
@@ -60,7 +60,9 @@ impl Run for QueryArgs {
         let inputs = engine.inputs(&self.scene.scene);
         let take = |folder| outputs::folder(folder, outputs::OBJECTS, &inputs, self.force);
         let objects = self.gaussians.as_deref().map(take).transpose()?;
-        let mut answers = ask(&mut engine, &questions, &frames)?;
+        let mut view = ProgressView::default();
+        let mut answers = ask(&mut engine, &questions, &frames, &mut |p| view.show(p))?;
+        drop(view);
         if let Some((output, folder)) = objects.zip(self.gaussians.as_deref()) {
             objects::write(&mut engine, &mut answers, output.path(), folder)?;
             output.finish()?;
@@ -150,13 +152,14 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::*;
     use crate::engine::{Negatives, Question, asking_tests::unfinished_engine};
+    use surgtpgs_core::progress::unobserved;
 
     #[test]
     fn the_table_tells_words_that_are_not_understood_from_absent_ones() {
         let mut engine = unfinished_engine();
         let negatives = Negatives::of(engine.settings());
         let questions = ["liver", "spleen", "Leber"].map(|words| Question::words(words, negatives.clone()));
-        let table = as_csv(&ask(&mut engine, &questions, &[0]).unwrap());
+        let table = as_csv(&ask(&mut engine, &questions, &[0], &mut unobserved).unwrap());
         let column = |name: &str| -> Vec<&str> {
             let at = COLUMNS.split(',').position(|column| column == name).unwrap();
             table.lines().skip(1).map(|line| line.split(',').nth(at).unwrap()).collect()

@@ -82,7 +82,7 @@ impl Run for RenderArgs {
         for (done, &frame) in frames.iter().enumerate() {
             let images = engine.render(&sized(engine.view(frame)?, self.width), has_features)?;
             kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
-            view.count("rendering", done + 1, frames.len());
+            view.count("rendering", done + 1, frames.len())?;
         }
         drop(view);
         write_notes(output.path(), &engine, &kinds, depth_range)?;

@@ -140,9 +140,11 @@ fn export_found(args: &ExportArgs) -> Result<Value> {
     if !summary.complete {
         return Err(Error::Cancelled);
     }
-    let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
+    let frames = args.frames.of(engine.scene().num_frames())?;
     let questions = args.prompts.questions(engine.settings())?;
-    let answers = ask(&mut engine, &questions, &frames)?;
+    let mut view = ProgressView::default();
+    let answers = ask(&mut engine, &questions, &frames, &mut |p| view.show(p))?;
+    drop(view);
     let picture = figures::answers(&mut engine, &answers, PANEL_WIDTH)?;
     if let Some(picture) = &picture {
         write_whole(&args.output.join(ANSWERS), &jpeg(picture)?)?;

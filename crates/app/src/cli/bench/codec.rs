@@ -102,7 +102,7 @@ impl Measure for BenchCodecArgs {
         for &classes in &self.classes {
             for draw in [Draw::Random, Draw::Alike] {
                 for &latent in &self.latent {
-                    view.count("training codecs", rows.len() / 2, all);
+                    view.count("training codecs", rows.len() / 2, all)?;
                     rows.extend(measure(&table, classes as usize, draw, latent as usize, self.draws)?);
                 }
             }

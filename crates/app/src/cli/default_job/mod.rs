@@ -55,11 +55,11 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
     let scene = DemoPaths::under(folder).scene;
     let mut engine = Engine::open(&scene, EngineOptions::default())?;
     let evaluation = evaluate(&mut engine, Extras::default(), &mut |p| view.show(p))?.report;
-    drop(view);
     let negatives = Negatives::of(engine.settings());
     let questions = PROMPTS.map(|text| Question::words(text, negatives.clone()));
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
-    let answers = ask(&mut engine, &questions, &frames)?;
+    let answers = ask(&mut engine, &questions, &frames, &mut |p| view.show(p))?;
+    drop(view);
     let found = export_found(&mut engine, &answers, &scene, &folder.join("masked-frames"), frames)?;
 
     let findings =

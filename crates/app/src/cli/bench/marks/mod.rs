@@ -259,7 +259,7 @@ impl Bench {
             for ((class, mask), truth) in self.classes.iter().zip(&masks).zip(self.truth(frame)?) {
                 measures.add(ClassOnFrame::measure(frame, &class.name, mask, &truth, &keep)?);
             }
-            view.count(way, frame + 1, self.canvas.num_frames);
+            view.count(way, frame + 1, self.canvas.num_frames)?;
         }
         let paper = measures.paper();
         Ok(Outcome {
