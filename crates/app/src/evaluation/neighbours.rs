@@ -55,9 +55,13 @@ impl Neighbours {
             return Ok(None);
         };
         let [start, here, end] = [before, self.frame, after].map(|i| sequence.time(i));
-        let share = if before == after { 0.0 } else { (here - start) / (end - start) };
-        Ok(between(&sequence.frame(before)?, &sequence.frame(after)?, share))
+        Ok(between(&sequence.frame(before)?, &sequence.frame(after)?, share_of_way(start, here, end)))
     }
+}
+
+/// Returns how much of the way from `start` to `end` is done at `here`; nothing if both are the same.
+fn share_of_way(start: f32, here: f32, end: f32) -> f32 {
+    if end > start { (here - start) / (end - start) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -81,6 +85,12 @@ mod tests {
         assert_eq!(nearest(9, &shown, 9..18), Some(10), "beyond a cut nothing is seen");
         assert_eq!(nearest(9, &[5, 9, 14], 0..18), Some(5), "nor what was left out");
         assert_eq!(nearest(0, &[0], 0..1), None);
+    }
+
+    #[test]
+    fn frames_of_one_time_are_no_way_apart() {
+        assert_eq!(share_of_way(0.25, 0.5, 0.75), 0.5);
+        assert_eq!([0.5, 0.75].map(|end| share_of_way(0.5, 0.5, end)), [0.0; 2]);
     }
 
     #[test]
