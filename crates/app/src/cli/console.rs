@@ -14,6 +14,7 @@ use surgtpgs_core::{Error, Result, sequence::remove_unpacked_videos};
 
 pub use crate::text::say;
 use crate::{
+    cli::Exit,
     jobs::Progress,
     text::{in_json, visible},
 };
@@ -205,7 +206,7 @@ fn interrupt() {
     let first = *INTERRUPTED.get_or_init(|| now);
     if !IS_WATCHED.load(Ordering::SeqCst) || now.duration_since(first) > SAME_WISH {
         remove_unpacked_videos();
-        std::process::exit(130);
+        std::process::exit(Exit::Ended as i32);
     }
     if first == now {
         say("stopping, the work so far is kept (press Ctrl-C again to end at once)");

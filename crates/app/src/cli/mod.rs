@@ -40,6 +40,10 @@ use verb::Run;
 /// Version of the program and, in a release build, the commit it was built from.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_COMMIT"), ")");
 
+/// The list of [`Exit`] at the end of the help.
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 the input is wrong or the work was stopped, 2 usage, 3 the \
+                          machine lacks something, 130 a signal ended the program at once.";
+
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name,
 /// export masked frames.
 ///
@@ -47,7 +51,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_CO
 /// `surgtpgs-demo/`. Research use only. Not for diagnostic or intra-operative use.
 #[derive(Debug, Parser)]
 #[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
-#[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]
+#[command(after_help = EXIT_CODES)]
 pub struct Cli {
     #[command(subcommand)]
     verb: Option<Verb>,
@@ -156,6 +160,13 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_help_lists_every_exit_code() {
+        let codes = [Exit::Done, Exit::WrongInput, Exit::Usage, Exit::Lacking, Exit::Ended];
+        assert_eq!(codes.map(|exit| exit as u8), [0, 1, 2, 3, 130]);
+        assert!(codes.iter().all(|exit| EXIT_CODES.contains(&format!(" {} ", *exit as u8))));
     }
 
     #[test]

@@ -8,12 +8,14 @@ use surgtpgs_core::Result;
 pub enum Exit {
     /// Everything was done.
     Done = 0,
-    /// The input is wrong; a message says what to do.
+    /// The input is wrong, or the work was stopped and is kept; a message says what to do.
     WrongInput = 1,
     /// The command line is wrong.
     Usage = 2,
     /// The machine lacks something; a message says how to get it.
     Lacking = 3,
+    /// A signal ended the program at once: the first one if no work is being kept, else the second one.
+    Ended = 130,
 }
 
 impl From<Exit> for std::process::ExitCode {
