@@ -23,6 +23,7 @@ mod provenance;
 mod series;
 mod slugs;
 mod stamp;
+mod xml;
 mod yolo;
 
 pub use caption::{caption, draw_scale, frame_words, timecode};

@@ -1,6 +1,6 @@
 //! Border lines of found regions, as SVG.
 
-use super::{frame::FrameContent, stamp};
+use super::{frame::FrameContent, stamp, xml::xml};
 use crate::mask::{Corner, contours};
 use std::fmt::Write;
 
@@ -25,7 +25,7 @@ pub(super) fn svg(frame: &FrameContent<'_>) -> String {
             text,
             "<path fill=\"none\" stroke=\"#{r:02x}{g:02x}{b:02x}\" stroke-width=\"2\" \
              vector-effect=\"non-scaling-stroke\" fill-rule=\"evenodd\" d=\"{data}\"><title>{}</title></path>",
-            escaped(&prompt.text)
+            xml(&prompt.text)
         );
     }
     if frame.provenance.options.stamp {
@@ -49,19 +49,4 @@ fn path(line: &[Corner]) -> String {
         data += &if from.1 == to.1 { format!("H{}", to.0) } else { format!("V{}", to.1) };
     }
     data + "Z"
-}
-
-/// Escapes text for XML; characters that XML cannot hold become question marks.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            c if c.is_control() => out.push('?'),
-            c => out.push(c),
-        }
-    }
-    out
 }

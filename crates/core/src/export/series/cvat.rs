@@ -3,12 +3,11 @@
 
 use super::{Series, SeriesPlan};
 use crate::{
-    export::frame::FrameContent,
+    export::{frame::FrameContent, xml::xml},
     files::WholeFile,
     grid::Mask,
     mask::{PixelRect, bounding_box},
 };
-use quick_xml::escape::escape;
 use std::io::{self, BufWriter, Write};
 
 pub(super) struct Cvat {
@@ -93,10 +92,4 @@ fn row_runs(mask: &Mask, rect: PixelRect) -> String {
     let first = if pixels.first() == Some(&true) { vec![0] } else { Vec::new() };
     let runs = first.into_iter().chain(pixels.chunk_by(|a, b| a == b).map(<[bool]>::len));
     runs.map(|run| run.to_string()).collect::<Vec<_>>().join(", ")
-}
-
-/// Returns a text as XML can hold it.
-fn xml(text: &str) -> String {
-    let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    escape(&text).into_owned()
 }
