@@ -383,11 +383,6 @@ impl Trainer {
         Ok(())
     }
 
-    /// Loss of the last step whose loss is known.
-    pub fn last_loss(&self) -> f32 {
-        self.terms.total()
-    }
-
     /// Durations of the passes of all steps.
     pub fn clock(&self) -> &PassClock<Pass> {
         &self.clock

@@ -41,8 +41,8 @@ impl Clip {
     }
 }
 
-/// Trains; returns the scene, the PSNR and the last loss.
-fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32) {
+/// Trains; returns the scene and the PSNR.
+fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64) {
     if let Some(backend) = backend {
         trainer.set_backend(Box::new(backend)).unwrap();
     }
@@ -52,22 +52,20 @@ fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32)
     }
     assert_eq!(dropped, 0);
     let psnr = trainer.psnr_db().unwrap().unwrap();
-    let scene = trainer.scene().unwrap();
-    let loss = trainer.last_loss();
-    (scene, psnr, loss)
+    (trainer.scene().unwrap(), psnr)
 }
 
 /// Trains on both backends, and on the device once more starting with far too little room, which must
 /// only repeat steps. Returns the difference of the two backends' results, dB.
 fn difference(gpu: &Gpu, clip: &Clip, profile: Profile, densify_every: usize) -> f64 {
     let trainer = || clip.trainer_of(profile, densify_every);
-    let (_, on_cpu, cpu_loss) = train(trainer(), None);
+    let (_, on_cpu) = train(trainer(), None);
     let roomy = GpuBackend::new(gpu.clone()).unwrap();
-    let (first, on_gpu, gpu_loss) = train(trainer(), Some(roomy));
-    eprintln!("{profile:?}: CPU {on_cpu:.3} dB, loss {cpu_loss:.5}; GPU {on_gpu:.3} dB, loss {gpu_loss:.5}");
+    let (first, on_gpu) = train(trainer(), Some(roomy));
+    eprintln!("{profile:?}: CPU {on_cpu:.3} dB, GPU {on_gpu:.3} dB");
     let mut cramped = GpuBackend::new(gpu.clone()).unwrap();
     cramped.set_pair_capacity(7).unwrap();
-    let (second, ..) = train(trainer(), Some(cramped));
+    let (second, _) = train(trainer(), Some(cramped));
     assert!(first.gaussians == second.gaussians && first.deformation == second.deformation);
     (on_cpu - on_gpu).abs()
 }
@@ -105,7 +103,7 @@ fn poses_are_learned_alike_on_both_backends() {
     // Where the middle of the picture, at the depth of the organs, came to lie.
     let middle = still.unproject(still.cx, still.cy, 60.0);
     let places = |backend| -> Vec<f32> {
-        let (scene, ..) = train(trainer(), backend);
+        let (scene, _) = train(trainer(), backend);
         scene
             .cameras
             .iter()
