@@ -49,9 +49,12 @@ use provenance::Record;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Number of finished frames between two updates of the record; one more is written at the end and
+/// Least number of finished frames between two updates of the record; one more is written at the end and
 /// after a failure.
 const RECORD_EVERY: usize = 32;
+/// Share of the finished frames that may be missing in the record, as 1 over this number. The record lists
+/// all files, so that equal steps would take time with the square of their number.
+const RECORD_SHARE: usize = 8;
 
 /// An export in progress; see the module documentation.
 pub struct Export {
@@ -197,7 +200,7 @@ impl Export {
         }
         self.next += 1;
         self.unsaved += 1;
-        if self.unsaved >= RECORD_EVERY { self.save(false) } else { Ok(()) }
+        if is_record_due(self.unsaved, self.next) { self.save(false) } else { Ok(()) }
     }
 
     /// Puts the files about all frames in their places if every frame was written, and writes the record.
@@ -212,7 +215,7 @@ impl Export {
             frames: self.frames.len(),
             skipped_frames: self.skipped,
             frames_not_shown: self.frames.iter().filter(|&&f| !self.record.provenance.shows(f)).count(),
-            files: self.record.files.iter().filter(|f| !is_labels(&f.name)).count(),
+            files: self.record.files.all().filter(|f| !is_labels(&f.name)).count(),
             left_out: self.record.provenance.left_out.clone(),
         })
     }
@@ -284,7 +287,7 @@ impl Export {
         let mut due = Vec::new();
         for format in series_formats(&self.record.provenance, &self.frames) {
             let name = series::name(format, &self.frames);
-            let recorded = self.record.files.iter().find(|f| f.name == name);
+            let recorded = self.record.files.of(None).iter().find(|f| f.name == name);
             let path = self.folder.join(name);
             let is_due = match recorded {
                 Some(file) => is_to_be_written(&path, &file.sha256)?,
@@ -304,8 +307,9 @@ impl Export {
 
     fn is_finished(&self, frame: usize) -> bool {
         let expected = pictures::names(&self.record.provenance, frame);
+        let recorded = self.record.files.of(Some(frame));
         expected.iter().all(|name| {
-            let recorded = self.record.files.iter().find(|f| f.frame == Some(frame) && f.name == *name);
+            let recorded = recorded.iter().find(|f| f.name == *name);
             recorded.is_some_and(|file| {
                 file_sha256(&self.folder.join(name)).is_ok_and(|there| there == file.sha256)
             })
@@ -356,6 +360,11 @@ impl Export {
         self.record.complete = complete;
         self.record.write(&self.folder)
     }
+}
+
+/// Returns `true` if the record is to be written again. `unsaved` of the `done` frames are missing in it.
+fn is_record_due(unsaved: usize, done: usize) -> bool {
+    unsaved >= RECORD_EVERY.max(done / RECORD_SHARE)
 }
 
 /// Returns the path, inside the export, of the file that says which number of a format stands for which

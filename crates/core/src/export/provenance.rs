@@ -241,12 +241,12 @@ pub(super) struct Record {
     #[serde(flatten)]
     pub(super) provenance: Provenance,
     pub(super) complete: bool,
-    pub(super) files: Vec<ExportedFile>,
+    pub(super) files: Files,
 }
 
 impl Record {
     pub(super) fn new(provenance: Provenance) -> Self {
-        Self { provenance, complete: false, files: Vec::new() }
+        Self { provenance, complete: false, files: Files::default() }
     }
 
     /// Reads the record of an earlier export in `folder`; `None` if there is none.
@@ -271,19 +271,58 @@ impl Record {
 
     /// Adds the files of a frame and removes earlier entries about it.
     pub(super) fn add(&mut self, frame: usize, files: Vec<ExportedFile>) {
-        self.files.retain(|f| f.frame != Some(frame));
-        self.files.extend(files);
+        self.files.0.remove(&Some(frame));
+        files.into_iter().for_each(|file| self.files.add(file));
     }
 
     /// Adds a file about all frames and removes an earlier entry of its name.
     pub(super) fn add_series(&mut self, file: ExportedFile) {
-        self.files.retain(|f| f.name != file.name);
-        self.files.push(file);
+        self.files.add(file);
     }
 
-    pub(super) fn write(&mut self, folder: &Path) -> Result<()> {
-        self.files.sort_by(|a, b| (a.frame, &a.name).cmp(&(b.frame, &b.name)));
+    pub(super) fn write(&self, folder: &Path) -> Result<()> {
         write_whole(&folder.join(FILE_NAME), pretty(self).as_bytes())
+    }
+}
+
+/// Files of an export by the frame that they are about, each frame's by name. In JSON they are one list in
+/// this order.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize)]
+#[serde(from = "Vec<ExportedFile>")]
+pub(super) struct Files(BTreeMap<Option<usize>, Vec<ExportedFile>>);
+
+impl Files {
+    /// Returns the files about `frame`; for `None`, those about all frames.
+    pub(super) fn of(&self, frame: Option<usize>) -> &[ExportedFile] {
+        self.0.get(&frame).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns all files, those about all frames first.
+    pub(super) fn all(&self) -> impl Iterator<Item = &ExportedFile> {
+        self.0.values().flatten()
+    }
+
+    /// Adds a file and removes an earlier entry of its name about the same frame.
+    fn add(&mut self, file: ExportedFile) {
+        let of_frame = self.0.entry(file.frame).or_default();
+        match of_frame.binary_search_by(|other| other.name.cmp(&file.name)) {
+            Ok(place) => of_frame[place] = file,
+            Err(place) => of_frame.insert(place, file),
+        }
+    }
+}
+
+impl From<Vec<ExportedFile>> for Files {
+    fn from(listed: Vec<ExportedFile>) -> Self {
+        let mut files = Self::default();
+        listed.into_iter().for_each(|file| files.add(file));
+        files
+    }
+}
+
+impl serde::Serialize for Files {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.all())
     }
 }
 

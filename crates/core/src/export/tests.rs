@@ -246,10 +246,46 @@ fn the_record_lists_every_file_with_its_hash() {
     assert_eq!(summary, ExportSummary { complete: true, frames: 2, files: 10, ..Default::default() });
     let record = Record::read(folder.path()).unwrap().unwrap();
     assert!(record.complete);
-    for file in &record.files {
+    for file in record.files.all() {
         let bytes = std::fs::read(folder.path().join(&file.name)).unwrap();
         assert_eq!(sha256(&bytes), file.sha256);
     }
+}
+
+#[test]
+fn the_record_lists_files_by_frame_and_name_whatever_their_order() {
+    let file = |frame: Option<usize>, name: &str| ExportedFile {
+        name: name.into(),
+        sha256: "0".into(),
+        frame,
+        prompt: None,
+    };
+    let mut record = Record::new(provenance(&[Format::Binary], false));
+    record.add(10, vec![file(Some(10), "b"), file(Some(10), "a")]);
+    record.add(9, vec![file(Some(9), "c"), file(Some(9), "old")]);
+    record.add_series(file(None, "z"));
+    record.add_series(ExportedFile { sha256: "1".into(), ..file(None, "z") });
+    record.add(9, vec![file(Some(9), "c")]);
+    let json = serde_json::to_value(&record).unwrap();
+    let named = |file: &serde_json::Value| file["name"].as_str().unwrap().to_owned();
+    let names: Vec<String> = json["files"].as_array().unwrap().iter().map(named).collect();
+    assert_eq!(names, ["z", "c", "a", "b"]);
+    assert_eq!(json["files"][0]["sha256"], "1");
+    assert_eq!(serde_json::from_value::<Record>(json).unwrap(), record);
+}
+
+#[test]
+fn records_of_long_exports_are_written_early_and_rarely() {
+    let (mut unsaved, mut written, mut listed) = (0, 0, 0);
+    for done in 1..=5000 {
+        unsaved += 1;
+        if is_record_due(unsaved, done) {
+            (unsaved, written, listed) = (0, written + 1, listed + done);
+        }
+        assert!(unsaved < 32.max(done / 8 + 1), "{unsaved} of {done}");
+        assert!(done != 32 || written == 1);
+    }
+    assert!(written < 50 && listed < 10 * 5000, "{written}, {listed}");
 }
 
 #[test]
