@@ -1,12 +1,7 @@
 //! Chapters of a long scene. Only one is in memory; the others are read when their time comes.
 
 use super::{Problem, Revised, Scene, Similarity, file};
-use crate::{
-    Error, Result,
-    deform::Deformation,
-    gaussian::Gaussians,
-    reading::{MOST_BYTES, open_regular},
-};
+use crate::{Error, Result, deform::Deformation, gaussian::Gaussians, reading::open_regular};
 use std::{
     fs::File,
     io::{Read, Seek, SeekFrom, Write},
@@ -90,9 +85,6 @@ impl Part {
 
     /// Reads the bytes.
     pub(super) fn bytes(&self) -> std::io::Result<Vec<u8>> {
-        if self.len > MOST_BYTES {
-            return Err(std::io::ErrorKind::FileTooLarge.into());
-        }
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.seek(SeekFrom::Start(self.start))?;
         let mut bytes = Vec::new();

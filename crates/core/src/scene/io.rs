@@ -7,7 +7,7 @@ use crate::{
     Error, Result,
     codec::Codec,
     files::WholeFile,
-    reading::{MOST_BYTES, open_regular, read_regular},
+    reading::{ANY_SIZE, open_regular, read_regular},
 };
 use std::{io::Read, path::Path};
 
@@ -64,7 +64,7 @@ impl Scene {
         if let Some(chapters) = chapters {
             return chapters.memory_bytes();
         }
-        let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
+        let Ok(bytes) = read_regular(path, ANY_SIZE) else { return 0 };
         let read = match &bytes[..] {
             bytes if bytes.starts_with(ply::MAGIC) => None,
             bytes if bytes.starts_with(spz::MAGIC) => spz::memory_bytes(bytes),
@@ -80,7 +80,7 @@ impl Scene {
         if let Some(chapters) = ChapterFile::open(path, file)? {
             return chapters.scene();
         }
-        let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
+        let bytes = read_regular(path, ANY_SIZE).map_err(|e| Error::io("read the scene file", path, e))?;
         let hint = "Choose another scene file, or train the recording again.";
         let wrong = |what| Error::input_at(path, what, hint);
         let read = match &bytes[..] {

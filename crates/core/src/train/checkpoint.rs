@@ -7,7 +7,7 @@ use crate::{
     files::write_whole_with,
     hash::sha256,
     prepare::Prepared,
-    reading::{MOST_BYTES, read_regular},
+    reading::{ANY_SIZE, read_regular},
     sequence::{Identity, Sequence},
 };
 use sha2::{Digest, Sha256};
@@ -114,7 +114,7 @@ pub(super) fn read(
     identity: &Identity,
 ) -> Result<Result<(TrainSettings, TrainState)>> {
     let bytes =
-        read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
+        read_regular(path, ANY_SIZE).map_err(|e| Error::io("read the unfinished training", path, e))?;
     let (begun_on, checkpoint) = match parse(&bytes, path) {
         Ok(parsed) => parsed,
         Err(unusable) => return Ok(Err(unusable)),
