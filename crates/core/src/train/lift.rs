@@ -14,8 +14,9 @@ use crate::{
         render_frame,
     },
     scene::Scene,
+    sequence::Sequence,
 };
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 /// Smallest weight of a Gaussian, over all pixels together, for which its features are replaced.
 const MIN_WEIGHT: f32 = 1e-3;
@@ -29,7 +30,7 @@ impl Trainer {
     /// Replaces the features of all Gaussians by the mean of the features that they show.
     pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
-        let carried = self.carried_regions()?;
+        let mut carried = self.carried_marks()?;
         self.finish()?;
         let times: Vec<f32> = (0..self.sequence.num_frames()).map(|i| self.time(i)).collect();
         let Model { gaussians, deformation, .. } = &mut self.state.model;
@@ -37,9 +38,10 @@ impl Trainer {
         let mut sums = vec![0.0f32; n * dim];
         let mut weights = vec![0.0f32; n];
         for i in self.applied.frames(self.sequence.num_frames()) {
+            let regions = carried.as_mut().map(|marks| marks.regions(&self.sequence, i)).transpose()?;
             let frame = self.cache.get(Some(&prepared), i, false)?;
             let mut truth = frame.truth(&prepared.latents, self.state.typical_depth);
-            if let Some(regions) = carried.get(&i) {
+            if let Some(regions) = &regions {
                 truth.regions = regions;
             }
             if truth.regions.is_empty() {
@@ -67,39 +69,52 @@ impl Trainer {
         Ok(())
     }
 
-    /// Carries the marks that the recording was prepared from to all training frames: the row of each pixel's
-    /// likeliest name. Empty if features come from elsewhere.
-    fn carried_regions(&mut self) -> Result<BTreeMap<usize, Vec<u16>>> {
+    /// Takes the marks that the recording was prepared from; `None` if features come from elsewhere.
+    fn carried_marks(&mut self) -> Result<Option<CarriedMarks>> {
         let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
-        let Some(marks) = marks else { return Ok(BTreeMap::new()) };
+        let Some(marks) = marks else { return Ok(None) };
         // A chapter knows nothing of other frames.
         let window = self.applied.window(self.sequence.num_frames());
         let marks = marks.within(&window);
         if marks.is_empty() {
-            return Ok(BTreeMap::new());
+            return Ok(None);
         }
         // The features that find the names are yet to be made: nothing is corrected.
         let scene = Scene { codec: None, ..self.scene()? };
         let graph = Arc::new(Graph::of(&scene));
         let marks = marks.with_outsides(&scene, &window);
-        let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
-        let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
-        let mut regions = BTreeMap::new();
+        let carried = Carried::new(&scene, graph, &marks, CarrySettings::default());
+        let rows = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let frames = self.applied.frames(self.sequence.num_frames());
+        Ok(Some(CarriedMarks { scene, carried, rows, frames }))
+    }
+}
+
+/// Marks that a recording was prepared from, as they are carried to its training frames.
+struct CarriedMarks {
+    scene: Scene,
+    carried: Carried,
+    /// Row of the feature table for each name.
+    rows: Vec<u16>,
+    /// The training frames, ascending.
+    frames: Vec<usize>,
+}
+
+impl CarriedMarks {
+    /// Returns the row of the likeliest name of each pixel of a training frame.
+    fn regions(&mut self, sequence: &Sequence, frame: usize) -> Result<Vec<u16>> {
+        let (scene, frames) = (&self.scene, &self.frames);
         // Marks go from frame to frame, also through those that may not be seen.
         let mut picture = |i: usize| match frames.binary_search(&i) {
-            Ok(_) => self.sequence.frame(i),
-            Err(_) => Ok(render_frame(&scene, i).to_rgb()),
+            Ok(_) => sequence.frame(i),
+            Err(_) => Ok(render_frame(scene, i).to_rgb()),
         };
-        for &i in &frames {
-            let found = carried.on_frame(&scene, i, &mut picture)?;
-            let row = |pixel: usize| {
-                let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);
-                likeliest.map_or(NO_REGION, |k| rows[k])
-            };
-            regions.insert(i, (0..found.doubt.data.len()).map(row).collect());
-        }
-        Ok(regions)
+        let found = self.carried.on_frame(scene, frame, &mut picture)?;
+        let row = |pixel: usize| {
+            let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);
+            likeliest.map_or(NO_REGION, |k| self.rows[k])
+        };
+        Ok((0..found.doubt.data.len()).map(row).collect())
     }
 }
 
@@ -133,7 +148,6 @@ mod tests {
         marks::{Mark, Marks, Shape},
         prepare::{MarkedNames, prepare_from_marks},
         progress::unobserved,
-        sequence::Sequence,
         stress::made_up_encoder,
         train::TrainSettings,
     };
