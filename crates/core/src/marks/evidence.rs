@@ -76,22 +76,19 @@ impl Evidence {
     /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts. A pixel that
     /// is marked as several names belongs to the one whose mark lies inside of the others, or to all of them.
     pub fn of(marks: &Marks, frame: usize, names: &[String], size: [usize; 2]) -> Self {
-        let num_names = names.len();
-        let mut votes = vec![0_i32; size[0] * size[1] * num_names];
+        let (num_names, num_pixels) = (names.len(), size[0] * size[1]);
         let place = |mark: &Mark| names.iter().position(|name| *name == mark.name);
-        let placed: Vec<(usize, &Mark)> =
-            marks.on(frame).filter_map(|mark| Some((place(mark)?, mark))).collect();
-        for (k, mark) in &placed {
-            let vote = if mark.add { 1 } else { -1 };
-            marked_pixels(mark, size).into_iter().for_each(|i| votes[i * num_names + k] += vote);
-        }
-        leave_to_inner(&mut votes, num_names, &placed, size);
+        let placed: Vec<Placed> =
+            marks.on(frame).filter_map(|mark| Some(Placed::new(place(mark)?, mark, size))).collect();
+        let is_inner = are_inner(&placed, num_names, num_pixels);
         let mut evidence = Self::none(frame, num_names);
         let mut verdicts = vec![0; num_names];
-        for (i, votes) in votes.chunks_exact(num_names.max(1)).enumerate() {
-            verdicts.iter_mut().zip(votes).for_each(|(verdict, votes)| *verdict = votes.signum() as i8);
-            evidence.push(i + 1, &verdicts);
-        }
+        sweep(&placed, num_names, num_pixels, |pixels, here, votes| {
+            verdicts.iter_mut().zip(votes).for_each(|(verdict, vote)| *verdict = vote.signum() as i8);
+            let inner = here.iter().filter(|m| is_inner[**m] && placed[**m].shows(votes));
+            leave_to_smallest(&mut verdicts, &inner.map(|m| &placed[*m]).collect::<Vec<_>>());
+            evidence.push(pixels.end, &verdicts);
+        });
         evidence
     }
 
@@ -247,45 +244,94 @@ impl Evidence {
     }
 }
 
-/// Returns the pixels of a mark, ascending.
-fn marked_pixels(mark: &Mark, [width, height]: [usize; 2]) -> Vec<usize> {
-    let pixels = mark.shape.pixels(width, height).data.into_iter().enumerate();
-    pixels.filter(|(_, is_marked)| *is_marked).map(|(i, _)| i).collect()
+/// A mark of a name that counts, on a picture.
+struct Placed {
+    /// Place of the name.
+    name: usize,
+    /// 1 if it shows the name, −1 if it denies it.
+    vote: i32,
+    /// Its pixels, as runs that do not touch, ascending.
+    runs: Vec<Range<usize>>,
+    /// Number of its pixels.
+    area: usize,
 }
 
-/// Leaves pixels that are marked as several names to those whose marks lie inside of others there, and of
-/// these to the smallest ones. A mark lies inside of others if more than three quarters of its pixels show
-/// other names, too; outlines that merely overlap share their pixels. `votes` are [pixels][names], `placed`
-/// the marks with the places of their names.
-fn leave_to_inner(votes: &mut [i32], num_names: usize, placed: &[(usize, &Mark)], size: [usize; 2]) {
-    let is_contested = |votes: &[i32]| votes.iter().filter(|vote| **vote > 0).count() > 1;
-    // Least area of an inner mark at each pixel; 0 where one name at most is shown.
-    let least = |votes: &[i32]| if is_contested(votes) { usize::MAX } else { 0 };
-    let mut least: Vec<usize> = votes.chunks_exact(num_names.max(1)).map(least).collect();
-    if least.iter().all(|area| *area == 0) {
-        return;
+impl Placed {
+    fn new(name: usize, mark: &Mark, [width, height]: [usize; 2]) -> Self {
+        let mask = mark.shape.pixels(width, height);
+        let (mut runs, mut start, mut area) = (Vec::new(), 0, 0);
+        for run in mask.data.chunk_by(|a, b| a == b) {
+            let end = start + run.len();
+            if run[0] {
+                runs.push(start..end);
+                area += run.len();
+            }
+            start = end;
+        }
+        Self { name, vote: if mark.add { 1 } else { -1 }, runs, area }
     }
-    let shown = |(k, mark): &(usize, &Mark)| {
-        let mut pixels = marked_pixels(mark, size);
-        let area = pixels.len();
-        pixels.retain(|i| least[*i] > 0 && votes[i * num_names + k] > 0);
-        (*k, area, pixels)
+
+    /// Returns `true` if pixels of the mark with these votes show its name.
+    fn shows(&self, votes: &[i32]) -> bool {
+        self.vote > 0 && votes[self.name] > 0
+    }
+}
+
+/// Visits the runs of pixels in which the same marks lie, one after the other over the whole picture, with
+/// the places of these marks and the sum of their votes for each name. So no vote is kept for each pixel and
+/// name: there may be thousands of names.
+fn sweep(
+    placed: &[Placed],
+    num_names: usize,
+    num_pixels: usize,
+    mut visit: impl FnMut(Range<usize>, &[usize], &[i32]),
+) {
+    let borders = |(m, mark): (usize, &Placed)| -> Vec<(usize, usize)> {
+        mark.runs.iter().flat_map(|run| [(run.start, m), (run.end, m)]).collect()
     };
-    let mut inner: Vec<(usize, usize, Vec<usize>)> =
-        placed.iter().filter(|(_, mark)| mark.add).map(shown).collect();
-    inner.retain(|(_, area, pixels)| 4 * pixels.len() > 3 * *area);
-    for (_, area, pixels) in &inner {
-        pixels.iter().for_each(|i| least[*i] = least[*i].min(*area));
-    }
-    let is_inner = |area: usize| area > 0 && area < usize::MAX;
-    for (votes, _) in votes.chunks_exact_mut(num_names).zip(&least).filter(|(_, area)| is_inner(**area)) {
-        votes.iter_mut().for_each(|vote| *vote = (*vote).min(0));
-    }
-    for (k, area, pixels) in &inner {
-        for i in pixels.iter().filter(|i| least[**i] == *area) {
-            votes[i * num_names + k] = 1;
+    let mut borders: Vec<(usize, usize)> = placed.iter().enumerate().flat_map(borders).collect();
+    borders.sort_unstable();
+    let (mut start, mut here, mut votes) = (0, Vec::new(), vec![0; num_names]);
+    for (at, m) in borders {
+        if start < at {
+            visit(start..at, &here, &votes);
+            start = at;
+        }
+        let Placed { name, vote, .. } = &placed[m];
+        match here.iter().position(|other| *other == m) {
+            Some(place) => {
+                here.swap_remove(place);
+                votes[*name] -= vote;
+            }
+            None => {
+                here.push(m);
+                votes[*name] += vote;
+            }
         }
     }
+    if start < num_pixels {
+        visit(start..num_pixels, &here, &votes);
+    }
+}
+
+/// Returns for each mark if it lies inside of others: if more than three quarters of its pixels show other
+/// names, too. Outlines that merely overlap share their pixels.
+fn are_inner(placed: &[Placed], num_names: usize, num_pixels: usize) -> Vec<bool> {
+    let mut contested = vec![0; placed.len()];
+    sweep(placed, num_names, num_pixels, |pixels, here, votes| {
+        if votes.iter().filter(|vote| **vote > 0).count() > 1 {
+            let shown = here.iter().filter(|m| placed[**m].shows(votes));
+            shown.for_each(|m| contested[*m] += pixels.len());
+        }
+    });
+    placed.iter().zip(contested).map(|(mark, contested)| 4 * contested > 3 * mark.area).collect()
+}
+
+/// Leaves a pixel to the smallest of the inner marks that show their names there, if there are any.
+fn leave_to_smallest(verdicts: &mut [i8], inner: &[&Placed]) {
+    let Some(least) = inner.iter().map(|mark| mark.area).min() else { return };
+    verdicts.iter_mut().for_each(|verdict| *verdict = (*verdict).min(0));
+    inner.iter().filter(|mark| mark.area == least).for_each(|mark| verdicts[mark.name] = 1);
 }
 
 #[cfg(test)]
@@ -332,6 +378,50 @@ mod tests {
         assert_eq!(shared, [(36..37, vec![0, 1])]);
     }
 
+    /// A mark on 8×8 pixels: place of its name, `true` if it shows it, and its pixels.
+    type Marked = (usize, bool, Vec<bool>);
+
+    /// Returns the verdicts at each pixel of 8×8 on frame 3, by the definition.
+    fn by_definition(marks: &Marks, names: &[String]) -> Vec<Vec<i8>> {
+        let place = |mark: &Mark| names.iter().position(|name| *name == mark.name).unwrap();
+        let placed: Vec<Marked> =
+            marks.on(3).map(|mark| (place(mark), mark.add, mark.shape.pixels(8, 8).data)).collect();
+        let votes = |i: usize, k: usize| -> i32 {
+            let here = placed.iter().filter(|(name, _, pixels)| *name == k && pixels[i]);
+            here.map(|(_, add, _)| if *add { 1 } else { -1 }).sum()
+        };
+        let is_contested = |i: usize| (0..names.len()).filter(|k| votes(i, *k) > 0).count() > 1;
+        let is_shared =
+            |mark: &Marked, i: usize| mark.1 && mark.2[i] && votes(i, mark.0) > 0 && is_contested(i);
+        let area = |mark: &Marked| mark.2.iter().filter(|is_marked| **is_marked).count();
+        let is_inner = |mark: &Marked| 4 * (0..64).filter(|i| is_shared(mark, *i)).count() > 3 * area(mark);
+        let inner: Vec<&Marked> = placed.iter().filter(|mark| is_inner(mark)).collect();
+        let verdicts = |i: usize| -> Vec<i8> {
+            let here: Vec<&Marked> = inner.iter().copied().filter(|mark| is_shared(mark, i)).collect();
+            let least = here.iter().map(|mark| area(mark)).min();
+            let is_left = |k: usize| here.iter().any(|mark| mark.0 == k && Some(area(mark)) == least);
+            let verdict = |k: usize| match least {
+                None => votes(i, k).signum() as i8,
+                Some(_) if is_left(k) => 1,
+                Some(_) => votes(i, k).signum().min(0) as i8,
+            };
+            (0..names.len()).map(verdict).collect()
+        };
+        (0..64).map(verdicts).collect()
+    }
+
+    #[test]
+    fn names_take_no_memory_at_each_pixel() {
+        let names: Vec<String> = (0..4000).map(|k| format!("name {k:04}")).collect();
+        let marks = [square(&names[7], true, 10.0, 20.0), square(&names[3999], true, 15.0, 30.0)];
+        let evidence = Evidence::of(&Marks::unchecked(marks.to_vec()), 3, &names, [2000, 1000]);
+        let shown: Vec<Vec<usize>> = evidence.all_shown().map(|(_, shown)| shown).collect();
+        for expected in [&[7][..], &[7, 3999], &[3999]] {
+            assert!(shown.iter().any(|shown| shown == expected), "{expected:?}");
+        }
+        assert_eq!(evidence.verdicts.len(), 4 * names.len(), "nothing, one, both, the other");
+    }
+
     /// Verdicts of a few pixels, [pixels][2], as runs.
     fn evidence(verdicts: &[[i8; 2]]) -> Evidence {
         let mut evidence = Evidence::none(3, 2);
@@ -373,6 +463,24 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn pixels_say_what_their_marks_say(
+            boxes in proptest::collection::vec(
+                (0_usize..3, any::<bool>(), [0_u8..8, 0..8], [1_u8..9, 1..9]),
+                1..7,
+            ),
+        ) {
+            let names = ["fat", "liver", "vein"].map(str::to_owned);
+            let mark = |(k, add, low, size): &(usize, bool, [u8; 2], [u8; 2])| {
+                let high = [0, 1].map(|side| f32::from((low[side] + size[side]).min(8)));
+                let shape = Shape::Box { corners_px: [low.map(f32::from), high] };
+                Mark::new(3, &names[*k], *add, shape)
+            };
+            let marks = Marks::unchecked(boxes.iter().map(mark).collect());
+            let found = dense(&Evidence::of(&marks, 3, &names, [8, 8]));
+            prop_assert_eq!(found, by_definition(&marks, &names));
+        }
+
         #[test]
         fn runs_say_what_pixels_say(
             pixels in proptest::collection::vec((-1_i8..2, -1_i8..2, -1_i8..2, -1_i8..2), 1..40),
