@@ -119,6 +119,8 @@ pub fn start_threads() -> Result<()> {
 /// pixels: all images of one view, asked and written; all passes of a training step, both ways.
 const SHOWN_PIXEL: u64 = 130;
 const TRAINED_PIXEL: u64 = 250;
+/// Bytes that each pixel of a frame takes at least for each name that is carried to it: a share and a score.
+const MARKED_PIXEL: u64 = 8;
 /// Bytes for each pixel of a decoded frame, of full and half size.
 const CACHED_PIXEL: u64 = 13;
 /// Bytes for each pixel of a frame with its mask, depth and labels, as often as frames are read side by side.
@@ -134,6 +136,8 @@ pub enum Work<'a> {
     Scene(&'a Path),
     /// Pictures of this size are rendered.
     Pictures(u32, u32),
+    /// Marks of this number of names are carried to frames of this size.
+    Marks(u32, u32, usize),
     /// The frames of a recording are read.
     Reading(&'a Sequence),
     /// A recording of this size is made.
@@ -150,6 +154,10 @@ pub fn require_for(work: &Work<'_>) -> Result<()> {
         Work::Scene(path) => ("reading the scene".into(), 3 * Scene::read_bytes(path)),
         Work::Pictures(width, height) => {
             (format!("rendering {width}×{height} pixels"), u64::from(width) * u64::from(height) * SHOWN_PIXEL)
+        }
+        Work::Marks(width, height, names) => {
+            let pixels = u64::from(width) * u64::from(height);
+            (format!("carrying marks of {names} names"), pixels * names as u64 * MARKED_PIXEL)
         }
         Work::Reading(sequence) => {
             (format!("reading {} frames", size(sequence)), pixels(sequence) * READ_PIXEL)
@@ -278,5 +286,9 @@ mod tests {
         assert!(message.contains("training takes about 3072 MB of memory, 1024 MB are left"), "{message}");
         assert!(require("training", 1 << 30, Some(1 << 30)).is_ok());
         assert!(require("training", u64::MAX, None).is_ok(), "where nothing is known nothing is refused");
+        let marks = |names: usize| require_for(&Work::Marks(8192, 8192, names)).map_err(|e| e.to_string());
+        if cfg!(target_os = "linux") {
+            assert!(marks(1_000_000).unwrap_err().contains("carrying marks of 1000000 names takes about"));
+        }
     }
 }

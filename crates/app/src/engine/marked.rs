@@ -1,6 +1,7 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
 use super::{Engine, Recording, SceneView, asking::Asking, blank};
+use crate::memory::{Work, require_for};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
@@ -60,6 +61,10 @@ impl Engine {
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
         let marks = marks.renamed(Asking::class_names(&self.scene, &self.settings));
         let names = marks.shown_names();
+        let num_carried = names.iter().filter(|name| !self.scene.finds(name)).count();
+        if let Some(camera) = self.scene.cameras.first().filter(|_| num_carried > 0) {
+            require_for(&Work::Marks(camera.width, camera.height, num_carried))?;
+        }
         if names != self.marks().map(Marks::shown_names).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
