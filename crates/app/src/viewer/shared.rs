@@ -1,7 +1,7 @@
 //! State of the window that panels read and that commands and actions change.
 
 use crate::viewer::{
-    backend::{Backend, Info},
+    backend::{Backend, Info, ranges::joined},
     picture::{
         areas::{Areas, Curve, Measure},
         open::Open,
@@ -207,11 +207,18 @@ impl Shared {
         self.curve(self.document.prompt(self.document.selected?)?)
     }
 
-    /// Returns the area of a prompt over time, of frames that are not left out; `None` before the first frame
-    /// was counted.
+    /// Returns the area of a prompt over time, of frames that count; `None` before the first one was counted.
     fn curve(&self, prompt: &Prompt) -> Option<Curve> {
         let curve = self.areas()?.curve(&self.measure(prompt), prompt.threshold)?;
-        Some(curve.without(self.document.excluded()))
+        Some(curve.without(&self.not_counted()))
+    }
+
+    /// Returns the ranges of frames that do not count: those that are left out, and those that no part of a
+    /// long recording reconstructs.
+    fn not_counted(&self) -> Vec<(usize, usize)> {
+        let unlearned = self.info().map(|info| info.unlearned.as_slice()).unwrap_or_default();
+        let ranges = unlearned.iter().map(|frames| (frames.start, frames.end.saturating_sub(1)));
+        ranges.fold(self.document.excluded().to_vec(), joined)
     }
 
     /// Returns the measure that is counted for a prompt on every frame.
@@ -227,7 +234,7 @@ impl Shared {
             return Vec::new();
         };
         let prompts = self.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
-        let unknown = || Curve::new(vec![None; info.num_frames]).without(self.document.excluded());
+        let unknown = || Curve::new(vec![None; info.num_frames]).without(&self.not_counted());
         let curve = |p: &Prompt| self.curve(p).unwrap_or_else(unknown);
         prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
     }

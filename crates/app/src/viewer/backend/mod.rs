@@ -80,7 +80,7 @@ pub(crate) struct Info {
     pub(crate) has_reconstruction: bool,
     /// Share of its training that a reconstruction has had, 0–1; 1 where nothing is known.
     pub(crate) learned: f32,
-    /// Frames of a long recording that are not reconstructed yet.
+    /// Frames of a long recording that no part reconstructs.
     pub(crate) unlearned: Vec<Range<usize>>,
     /// `true` if the depth of the reconstruction was measured, so that lengths in space mean something.
     pub(crate) has_measured_depth: bool,
@@ -101,7 +101,7 @@ pub(crate) struct Info {
 }
 
 impl Info {
-    /// Returns `true` if a frame of a long recording is not reconstructed yet.
+    /// Returns `true` if no part of a long recording reconstructs a frame.
     pub(crate) fn is_unlearned(&self, frame: usize) -> bool {
         self.unlearned.iter().any(|frames| frames.contains(&frame))
     }

@@ -1,7 +1,7 @@
 //! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
 
 use crate::viewer::{
-    panels::{marking::FOUND_WHEN_READY, plates::Plates, prompts::NOTHING, widgets::swatch},
+    panels::{marking::FOUND_WHEN_READY, plates::Plates, prompts::nothing_here, widgets::swatch},
     picture::{
         difference::difference_colour,
         found::Found,
@@ -106,7 +106,7 @@ pub(crate) fn value(shared: &Shared, asked: &AskedPrompt, finding: &Finding) -> 
         return FOUND_WHEN_READY.into();
     }
     let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(asked.threshold));
-    answer.map_or_else(|| NOTHING.to_lowercase(), |answer| answer.absence_in_short().into())
+    answer.map_or_else(|| nothing_here(shared).to_lowercase(), |answer| answer.absence_in_short().into())
 }
 
 /// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.

@@ -129,7 +129,10 @@ fn preview_ui(ui: &mut Ui, shared: &Shared) {
     }
     let state = match shared.is_left_out() {
         true => (LEFT_OUT.to_owned(), theme::TEXT_WEAK),
-        false => state_text(shared.finding(PREVIEW, live), shared.document.default_threshold()),
+        false => {
+            let threshold = shared.document.default_threshold();
+            state_text(shared.finding(PREVIEW, live), threshold, nothing_here(shared))
+        }
     };
     ui.horizontal_wrapped(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::hover());
@@ -239,7 +242,7 @@ fn row_ui(
         } else if !shared.can_ask() {
             (unanswered_text(shared), theme::TEXT_WEAK)
         } else {
-            state_text(finding, prompt.threshold)
+            state_text(finding, prompt.threshold, nothing_here(shared))
         };
         let why = finding.and_then(|f| f.answer.as_ref()).map_or("", |answer| &answer.why);
         let state = ui.label(RichText::new(text).font(theme::small()).color(colour));
@@ -390,15 +393,21 @@ fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, prompt: &Pr
     }
 }
 
-/// Describes the result of a prompt in words, with a colour for their importance.
-fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color32) {
+/// Says why a prompt that is known to the recording is not found on the frame on the screen.
+pub(crate) fn nothing_here(shared: &Shared) -> &'static str {
+    shared.not_reconstructed().unwrap_or(NOTHING)
+}
+
+/// Describes the result of a prompt in words, with a colour for their importance. `nothing` says why a prompt
+/// that is known is not found.
+fn state_text(finding: Option<&Finding>, threshold: f32, nothing: &str) -> (String, egui::Color32) {
     match finding.map(|f| &f.outcome) {
         None => (ENCODING.into(), theme::TEXT_WEAK),
         Some(Err(problem)) => (problem.clone(), theme::ERROR),
         Some(Ok(found)) if found.area_px == 0 => {
             let answer = finding.and_then(|f| f.answer.as_ref());
             let text = match answer.filter(|answer| !answer.may_be_found(threshold)) {
-                None => NOTHING.to_owned(),
+                None => nothing.to_owned(),
                 Some(answer) => absent_text(answer, |class| format!("looks like {class}")),
             };
             (text, theme::AMBER)

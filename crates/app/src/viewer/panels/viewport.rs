@@ -13,7 +13,7 @@ use crate::viewer::{
         panes::{PaneView, panes},
         plates::Plates,
         probe,
-        prompts::NOTHING,
+        prompts::nothing_here,
         room::Room,
         ruler::{self, Ruler},
         start, toast,
@@ -380,12 +380,12 @@ fn nothing_found(shared: &Shared, picture: &Picture) -> String {
             return FOUND_WHEN_READY;
         }
         let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(prompt.threshold));
-        answer.map_or(NOTHING, Answer::absence)
+        answer.map_or(nothing_here(shared), Answer::absence)
     };
     let reasons: Vec<&str> = picture.findings.iter().zip(&picture.request.prompts).map(reason).collect();
     match &reasons[..] {
         [first, others @ ..] if others.iter().all(|other| other == first) => sentence(first),
-        _ => NOTHING_OF_ALL.to_owned(),
+        _ => shared.not_reconstructed().unwrap_or(NOTHING_OF_ALL).to_owned(),
     }
 }
 

@@ -3,7 +3,10 @@
 //! Areas are kept for all thresholds at once: moving a threshold redraws the curve and computes nothing.
 
 use crate::{engine::Question, viewer::state::marks::MarkList};
-use std::collections::{BTreeSet, HashMap};
+use std::{
+    collections::{BTreeSet, HashMap},
+    ops::Range,
+};
 use surgtpgs_core::{grid::Grid, marks::LookHere, mask::CleanUp};
 
 /// A quantity that is counted on every frame: the area of a question. Where masks are cleaned up, the area
@@ -125,6 +128,8 @@ fn strides(num_frames: usize) -> Vec<usize> {
 /// Record of the frames counted so far for each prompt, on the thread that counts.
 #[derive(Debug, Default)]
 pub(crate) struct Counted {
+    /// Number of frames, with those that are not counted.
+    num_frames: usize,
     /// Frames in the order in which they are counted.
     order: Vec<usize>,
     prompts: HashMap<Measure, Done>,
@@ -143,14 +148,16 @@ struct Done {
 }
 
 impl Counted {
-    pub(crate) fn new(num_frames: usize) -> Self {
+    /// Makes the record of so many frames. On those that nothing reconstructs there is nothing to count.
+    pub(crate) fn new(num_frames: usize, unlearned: &[Range<usize>]) -> Self {
         let strides = strides(num_frames);
         let mut order = Vec::with_capacity(num_frames);
         for (k, stride) in strides.iter().enumerate() {
             let is_new = |frame: &usize| strides[..k].iter().all(|coarser| !frame.is_multiple_of(*coarser));
             order.extend((0..num_frames).step_by(*stride).filter(is_new));
         }
-        Self { order, prompts: HashMap::new(), now: 0 }
+        order.retain(|frame| !unlearned.iter().any(|frames| frames.contains(frame)));
+        Self { num_frames, order, prompts: HashMap::new(), now: 0 }
     }
 
     /// Returns the first frame that has not been counted for all of `prompts`, and the prompts that it lacks.
@@ -163,7 +170,7 @@ impl Counted {
 
     pub(crate) fn note(&mut self, measured: &Measured) {
         for (measure, _) in &measured.prompts {
-            let nothing = || Done { frames: vec![false; self.order.len()], first_open: 0, asked: self.now };
+            let nothing = || Done { frames: vec![false; self.num_frames], first_open: 0, asked: self.now };
             let done = self.prompts.entry(measure.clone()).or_insert_with(nothing);
             if let Some(frame) = done.frames.get_mut(measured.frame) {
                 *frame = true;
@@ -486,7 +493,7 @@ mod tests {
 
     #[test]
     fn every_frame_is_counted_once_for_every_prompt() {
-        let mut counted = Counted::new(3);
+        let mut counted = Counted::new(3, &[]);
         let liver = [question("liver")];
         for frame in 0..3 {
             assert_eq!(counted.next(&liver), Some((frame, liver.to_vec())));
@@ -505,7 +512,7 @@ mod tests {
 
     #[test]
     fn a_long_recording_is_counted_coarse_first_and_every_frame_once() {
-        let mut counted = Counted::new(1000);
+        let mut counted = Counted::new(1000, &[]);
         let liver = [question("liver")];
         let mut frames = Vec::new();
         while let Some((frame, _)) = counted.next(&liver) {
@@ -516,6 +523,17 @@ mod tests {
         assert_eq!(frames[16..19], [8, 16, 24]);
         frames.sort_unstable();
         assert!(frames.into_iter().eq(0..1000));
+    }
+
+    #[test]
+    fn frames_that_nothing_reconstructs_are_not_counted() {
+        let mut counted = Counted::new(6, &[0..2, 4..5]);
+        let liver = [question("liver")];
+        for frame in [2, 3, 5] {
+            assert_eq!(counted.next(&liver), Some((frame, liver.to_vec())));
+            counted.note(&measured(frame, 1));
+        }
+        assert_eq!(counted.next(&liver), None);
     }
 
     #[test]
@@ -544,7 +562,7 @@ mod tests {
         let clean_up = CleanUp { min_area_px: 2, ..Default::default() };
         let at = |step: u8| Measure::new(question("liver").question, clean_up, f32::from(step) / 100.0);
         let num_frames = KEPT_COUNTS / 3;
-        let (mut counted, mut areas) = (Counted::new(num_frames), Areas::new(num_frames));
+        let (mut counted, mut areas) = (Counted::new(num_frames, &[]), Areas::new(num_frames));
         let always = question("fat");
         for step in 0..9 {
             let asked = [at(step), always.clone()];

@@ -78,7 +78,7 @@ struct Colour {
 impl Pipeline {
     pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
         Self {
-            counted: Some(Counted::new(source.info().num_frames)),
+            counted: Some(nothing_counted(&*source)),
             source,
             originals: VecDeque::new(),
             rendered: VecDeque::new(),
@@ -208,8 +208,9 @@ impl Pipeline {
 
     /// Forgets what was counted.
     pub(crate) fn count_anew(&mut self) {
-        let num_frames = self.source.info().num_frames;
-        self.counted = self.counted.as_ref().map(|_| Counted::new(num_frames));
+        if self.counted.is_some() {
+            self.counted = Some(nothing_counted(&*self.source));
+        }
     }
 
     /// Returns `true` if the source can answer prompts.
@@ -520,6 +521,12 @@ impl Pipeline {
         }
         self.depth_range.unwrap_or((0.0, 1.0))
     }
+}
+
+/// Makes the record of what is counted of a source: nothing yet.
+fn nothing_counted(source: &dyn FrameSource) -> Counted {
+    let info = source.info();
+    Counted::new(info.num_frames, &info.unlearned)
 }
 
 /// Returns the percentile of the values above 0, of up to [`SAMPLES`] that are evenly spread; 0 without any.

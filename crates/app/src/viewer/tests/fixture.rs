@@ -89,6 +89,9 @@ impl FrameSource for Fake {
             let _ = gate.recv();
         }
         let score = |question: &Question| match question.text.as_str() {
+            _ if self.info.is_unlearned(view.frame) => {
+                Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0))
+            }
             words if self.marked(words).is_some() => Ok(self.marked(words).unwrap_or_default()),
             _ if !self.info.has_features => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0)),
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),

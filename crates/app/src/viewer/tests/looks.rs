@@ -414,4 +414,8 @@ fn a_reconstruction_that_was_stopped_early_says_so_wherever_it_is_seen() {
     assert!(window.shows("This part is not reconstructed yet") && !window.shows(told));
     let window = Window::on(Info { learned: 0.4, unlearned: std::iter::once(8..9).collect(), ..scene() });
     assert!(window.shows(told));
+    // The training is finished, but that part was left out of it.
+    let window = Window::on(Info { unlearned: vec![0..3, 8..9], ..scene() });
+    let missing = "This part is not reconstructed";
+    assert!(window.shows(missing) && painted(&window).iter().any(|text| text == missing));
 }

@@ -138,6 +138,25 @@ fn frames_that_are_left_out_are_neither_gone_to_nor_counted() {
 }
 
 #[test]
+fn frames_that_no_part_reconstructs_are_told_and_not_counted() {
+    let mut window = Window::on(Info { unlearned: vec![0..3, 12..40], ..scene() });
+    window.add_prompt("polyp");
+    window.until_found();
+    let missing = "This part is not reconstructed";
+    assert!(window.harness.query_all_by_label(missing).count() >= 2, "in the row and on the picture");
+    assert!(!window.shows(NOTHING));
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    // Frames 11 and 12 of those from 11 to 21 where it is.
+    assert!(window.shows("Found on 2 of 17 frames"));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::CopyAreas.into(), &ctx);
+    assert!(window.harness.state().shared.toast.as_ref().unwrap().text.contains("17 rows"));
+    window.press_with(Modifiers::SHIFT, Key::Home);
+    window.until_picture(|p| p.request.view.frame == 10 && !p.findings.is_empty());
+    assert!(!window.shows(missing));
+}
+
+#[test]
 fn a_scene_in_training_is_not_counted() {
     let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
     let mut window = Window::on(recording);

@@ -14,13 +14,23 @@ impl Shared {
     /// Returns what must be known about the reconstruction wherever it is seen.
     pub(crate) fn cautions(&self) -> Vec<String> {
         let Some(info) = self.info() else { return Vec::new() };
-        let shown = self.picture().map_or(0, |p| p.request.view.frame);
+        let missing = self.not_reconstructed().map(str::to_owned);
         let unfinished = info.is_unfinished().then(|| match self.is_reconstructing() {
-            _ if info.is_unlearned(shown) => "This part is not reconstructed yet".to_owned(),
             true => "Still being learned".to_owned(),
             false => format!("Stopped early, after {:.0} % of its learning", 100.0 * info.learned),
         });
-        unfinished.into_iter().chain(info.shape_is_guessed().then(|| GUESSED.to_owned())).collect()
+        let guessed = info.shape_is_guessed().then(|| GUESSED.to_owned());
+        missing.or(unfinished).into_iter().chain(guessed).collect()
+    }
+
+    /// Says that no part of a long recording reconstructs the frame on the screen; `None` if one does.
+    pub(crate) fn not_reconstructed(&self) -> Option<&'static str> {
+        let (info, picture) = (self.info()?, self.picture()?);
+        let said = match info.is_unfinished() {
+            true => "This part is not reconstructed yet",
+            false => "This part is not reconstructed",
+        };
+        info.is_unlearned(picture.request.view.frame).then_some(said)
     }
 
     /// Describes a clean-up of masks that is not the usual one.
