@@ -94,7 +94,9 @@ impl Open {
         }
         let Some(picture) = self.worker.take() else { return };
         self.is_due = false;
-        if !picture.request.view.is_preview {
+        // Depth that is not drawn is not made while something moves.
+        let is_telling = !picture.request.wants_depth_alone() || picture.took_ms < self.full_ms;
+        if !picture.request.view.is_preview && is_telling {
             self.full_ms = picture.took_ms;
         }
         match &mut self.shown {

@@ -144,14 +144,22 @@ impl Pipeline {
         picture
     }
 
-    /// Makes the picture without its prompts, if they have to wait for marks from another chapter.
+    /// Makes the picture without what holds it up: prompts that have to wait for marks from another chapter, or
+    /// depth that is not drawn. `None` if nothing does.
     pub(crate) fn first_look(&mut self, request: &Request) -> Option<Picture> {
         self.take_marks(&request.marks).ok()?;
         let is_asked = !request.prompts.is_empty() && self.can_ask();
         let waits = is_asked && !self.source.answers_at_once(&request.view);
-        let alone =
-            || Request { prompts: Vec::new(), candidates: Vec::new(), point: None, ..request.clone() };
-        waits.then(|| self.produce(alone())).filter(|picture| !picture.is_left_off)
+        let depth = self.needs(request).parts.filter(|_| request.wants_depth_alone());
+        let is_held_up = waits || depth.is_some_and(|depth| self.known(&request.view, depth).is_none());
+        let alone = || Request {
+            needs_depth: false,
+            prompts: Vec::new(),
+            candidates: Vec::new(),
+            point: None,
+            ..request.clone()
+        };
+        is_held_up.then(|| self.produce(alone())).filter(|picture| !picture.is_left_off)
     }
 
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
@@ -222,7 +230,8 @@ impl Pipeline {
     fn needs(&self, request: &Request) -> Needs {
         let info = self.source.info();
         let asks = self.can_ask() && !(request.prompts.is_empty() && request.candidates.is_empty());
-        let renders = request.needs_reconstruction || request.layer.is_some() || asks;
+        let measures = request.needs_depth && info.has_measured_depth;
+        let renders = request.needs_reconstruction || request.layer.is_some() || asks || measures;
         // What the endoscope did not see is faded, for which its depth is needed.
         let is_turned = !request.view.orbit.is_home();
         // A reconstruction can be turned around a point of it.
@@ -249,14 +258,13 @@ impl Pipeline {
         let end = self.source.info().num_frames.min(last.view.frame + 1 + FRAMES_AHEAD);
         for frame in last.view.frame + 1..end {
             let view = FrameView { frame, ..last.view };
-            let request = Request { view, candidates: Vec::new(), ..last.clone() };
+            let request = Request { view, candidates: Vec::new(), needs_depth: false, ..last.clone() };
             let Needs { decodes, parts, asks } = self.needs(&request);
             // While a word is typed, the next letter comes sooner than the next frame.
             let parts = parts.filter(|_| !last.is_typing);
             let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
-            let known = |parts: &Parts| self.rendered.iter().find(|r| r.view == view && r.has(*parts));
             let is_new = |r: &Rendered| asks && !r.new_questions(&request.questions()).is_empty();
-            let parts = parts.filter(|parts| known(parts).is_none_or(is_new));
+            let parts = parts.filter(|parts| self.known(&view, *parts).is_none_or(is_new));
             if !decodes && parts.is_none() {
                 continue;
             }
@@ -447,6 +455,11 @@ impl Pipeline {
         let answers = scores(&mut *self.source, view, &new)?;
         rendered.scores.extend(new.into_iter().zip(answers));
         Ok(())
+    }
+
+    /// Returns a view, if it was rendered with these parts and is kept.
+    fn known(&self, view: &FrameView, parts: Parts) -> Option<&Rendered> {
+        self.rendered.iter().find(|r| r.view == *view && r.has(parts))
     }
 
     fn kept_bytes(&self) -> usize {

@@ -134,6 +134,7 @@ fn request(frame: usize) -> Request {
         needs_reconstruction: true,
         layer: None,
         needs_difference: false,
+        needs_depth: false,
         prompts: vec![AskedPrompt {
             id: 1,
             question: question("liver"),
@@ -312,6 +313,29 @@ fn a_part_is_rendered_once_it_is_shown_and_what_is_known_stays() {
     for known in [recorded, request(3), with_depth] {
         assert!(wanted(&known).is_empty());
     }
+}
+
+#[test]
+fn depth_that_is_not_drawn_is_rendered_once_the_picture_is_shown() {
+    let source = telling(8);
+    let parts = source.parts.clone();
+    let wanted = || std::mem::take(&mut *parts.lock().unwrap());
+    let mut pipeline = Pipeline::new(Box::new(source));
+    let plain = Request { needs_reconstruction: false, prompts: Vec::new(), ..request(3) };
+    let measured = Request { needs_depth: true, ..plain.clone() };
+    assert!(pipeline.first_look(&plain).is_none());
+    assert!(pipeline.produce(plain).depth_values.is_none() && wanted().is_empty());
+    let first = pipeline.first_look(&measured).unwrap();
+    assert!(first.original.is_some() && first.depth_values.is_none() && wanted().is_empty());
+    assert_eq!(pipeline.produce(measured.clone()).depth_values.unwrap().data[0], 4.0);
+    assert_eq!(wanted(), [Parts { depth: true, ..Parts::default() }]);
+    assert!(pipeline.first_look(&measured).is_none(), "it is known");
+    while pipeline.prepare_ahead() {}
+    assert!(wanted().is_empty(), "nobody measures on frames ahead");
+    let mut guessed = telling(8);
+    guessed.info.has_measured_depth = false;
+    let picture = Pipeline::new(Box::new(guessed)).produce(measured);
+    assert!(picture.original.is_some() && picture.depth_values.is_none());
 }
 
 #[test]

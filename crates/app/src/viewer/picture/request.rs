@@ -32,6 +32,9 @@ pub(crate) struct Request {
     /// Layer of values to show as colours.
     pub(crate) layer: Option<Layer>,
     pub(crate) needs_difference: bool,
+    /// `true` if depth is wanted though it is not drawn, to measure with and to turn the view around a point.
+    /// It is made where it was measured.
+    pub(crate) needs_depth: bool,
     pub(crate) prompts: Vec<AskedPrompt>,
     /// Questions whose scores are wanted without being drawn.
     pub(crate) candidates: Vec<Question>,
@@ -51,6 +54,12 @@ impl Request {
     /// Returns the clean-up for masks of this view's size.
     pub(crate) fn clean_up(&self) -> CleanUp {
         if self.view.is_preview { self.clean_up.at_size(0.5) } else { self.clean_up }
+    }
+
+    /// Returns `true` if nothing is to be rendered but depth that is not drawn.
+    pub(crate) fn wants_depth_alone(&self) -> bool {
+        let is_drawn = self.needs_reconstruction || self.layer.is_some();
+        self.needs_depth && !is_drawn && self.prompts.is_empty() && self.candidates.is_empty()
     }
 
     /// Returns all questions of the request, prompts first.

@@ -66,6 +66,7 @@ pub(crate) fn time_pictures(mut engine: Engine, words: &[String], frames: &[usiz
         needs_reconstruction: true,
         layer: None,
         needs_difference: false,
+        needs_depth: false,
         prompts: prompts
             .iter()
             .map(|p| AskedPrompt { threshold: p.threshold + change, ..p.clone() })

@@ -155,6 +155,24 @@ fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
     assert!(!window.shows(" mm"));
 }
 
+#[test]
+fn the_recorded_frame_is_measured_and_turned_around_without_a_prompt() {
+    let mut window = Window::gated(measurable(), None);
+    window.until_picture(|p| p.depth_values.is_some());
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Original);
+    window.press(Key::U);
+    window.harness.step();
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    assert!(window.shows("16.0 px  ·  25 ± 1 scene units"));
+    window.press(Key::U);
+    let at = on_screen(&window, [0.75, 0.5]);
+    window.harness.hover_at(at);
+    (0..2).for_each(|_| window.harness.step());
+    assert!(window.shows("depth 50.0 scene units"));
+    window.press(Key::C);
+    assert!(window.harness.state().shared.document.look.orbit.pivot.is_some());
+}
+
 /// Returns the places of the painted texts that are as wanted.
 fn places(window: &Window, is_wanted: impl Fn(&str) -> bool) -> Vec<egui::Rect> {
     let place = |clipped: &egui::epaint::ClippedShape| match &clipped.shape {

@@ -121,6 +121,7 @@ impl Shared {
             needs_reconstruction: mode.needs_reconstruction(),
             layer: mode.layer(),
             needs_difference: mode == ViewMode::Difference,
+            needs_depth: !is_moving,
             prompts: if self.can_ask() { self.asked_prompts() } else { Vec::new() },
             candidates: self.unmarked_questions(),
             look: self.document.overlay,
