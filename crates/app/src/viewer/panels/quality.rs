@@ -4,7 +4,10 @@
 use crate::evaluation::{self, EvalReport, Evaluation, FrameRow};
 use crate::viewer::{
     action::Action,
-    backend::task::{Task, TaskContext, TaskEvent},
+    backend::{
+        Info,
+        task::{Task, TaskContext, TaskEvent},
+    },
     panels::{
         folder::free_folder,
         widgets::{caption, dialog, main_button},
@@ -28,11 +31,13 @@ const ROW_HEIGHT: f32 = 20.0;
 
 /// A measurement, from measuring to saving.
 struct Measurement {
-    scene: PathBuf,
-    /// Folder for the tables, and the name that it is derived from.
+    /// The scene that is measured.
+    info: Info,
+    /// Ranges of frames that are not measured.
+    left_out: Vec<(usize, usize)>,
+    /// Folder for the tables.
     folder: PathBuf,
-    name: String,
-    /// Scene and recording that are measured.
+    /// Files that are measured: the scene and its recording.
     inputs: Inputs,
     state: State,
 }
@@ -56,6 +61,8 @@ enum Click {
 #[derive(Default)]
 pub(crate) struct QualityDialog {
     measurement: Option<Measurement>,
+    /// `true` if the dialog was shown in the last pass.
+    was_shown: bool,
 }
 
 impl Measurement {
@@ -64,18 +71,18 @@ impl Measurement {
         let info = shared.info()?;
         let (backend, scene) = (shared.backend.clone(), info.path.clone());
         let left_out = shared.document.excluded().to_vec();
-        let task = Task::start("quality", ctx, move |task| backend.evaluate(&scene, &left_out, task));
+        let without = left_out.clone();
+        let task = Task::start("quality", ctx, move |task| backend.evaluate(&scene, &without, task));
         let folder = free_folder(&info.output_folder, &info.name, "quality");
         let inputs = Inputs::none()
             .with("the scene", &info.path)
             .with_some("the scene's recording", info.sequence.as_deref());
-        Some(Self {
-            scene: info.path.clone(),
-            folder,
-            name: info.name.clone(),
-            inputs,
-            state: State::Measuring(task),
-        })
+        Some(Self { info: info.clone(), left_out, folder, inputs, state: State::Measuring(task) })
+    }
+
+    /// Returns `true` if what is open would be measured in the same way.
+    fn is_about_open(&self, shared: &Shared) -> bool {
+        shared.info() == Some(&self.info) && self.left_out == shared.document.excluded()
     }
 
     /// Takes the result of the thread; returns a problem, if there is one.
@@ -91,7 +98,7 @@ impl Measurement {
                 TaskEvent::Done(Err(problem)) => {
                     // Another program may have taken the name.
                     let parent = self.folder.parent().unwrap_or(Path::new("")).to_owned();
-                    self.folder = free_folder(&parent, &self.name, "quality");
+                    self.folder = free_folder(&parent, &self.info.name, "quality");
                     (State::Measured(evaluation.clone()), Some(statement(&problem)))
                 }
                 _ => return None,
@@ -121,14 +128,15 @@ impl QualityDialog {
     /// Shows the dialog, if it is open.
     pub(crate) fn ui(&mut self, ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
         let is_wanted = shared.dialog == Some(Dialog::Quality);
-        let opened = shared.info().map(|info| &info.path);
-        let kept = self.measurement.take_if(|m| is_wanted && Some(&m.scene) == opened);
-        let had_other = self.measurement.take().is_some();
+        let was_shown = std::mem::replace(&mut self.was_shown, is_wanted);
+        let measurement = self.measurement.take().filter(|m| m.is_about_open(shared));
         if !is_wanted {
+            // Measuring takes long: what was measured is shown when the dialog is opened again.
+            self.measurement = measurement.filter(Measurement::is_measured);
             return;
         }
-        let begin = || if had_other { None } else { Measurement::start(shared, ctx) };
-        let Some(mut quality) = kept.or_else(begin) else {
+        let begin = || if was_shown { None } else { Measurement::start(shared, ctx) };
+        let Some(mut quality) = measurement.or_else(begin) else {
             // Another scene was opened meanwhile.
             actions.push(Action::CloseDialog);
             return;

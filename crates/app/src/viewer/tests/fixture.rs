@@ -134,6 +134,8 @@ pub(super) struct FakeBackend {
     pub(super) info: Info,
     pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
     pub(super) exported: Mutex<Vec<(ExportRequest, Negatives)>>,
+    /// Number of measurements of quality that were begun.
+    pub(super) num_measured: AtomicUsize,
     /// Ranges of frames that were not to be measured.
     pub(super) unmeasured: Mutex<Vec<(usize, usize)>>,
     pub(super) faults: Mutex<ModelFaults>,
@@ -223,6 +225,7 @@ impl Backend for FakeBackend {
     }
     fn evaluate(&self, scene: &Path, left_out: &[(usize, usize)], task: &TaskContext) -> Result<Evaluation> {
         task.progress("evaluating", 2, 2, String::new());
+        self.num_measured.fetch_add(1, Ordering::Relaxed);
         self.unmeasured.lock().unwrap().extend(left_out);
         if scene.ends_with("gone") {
             return Err(Error::input("the recording is not at hand", "Put it back."));

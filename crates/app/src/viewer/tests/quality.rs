@@ -30,6 +30,33 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
 }
 
 #[test]
+fn what_was_measured_stays_as_long_as_the_same_is_open() {
+    let mut window = Window::on(scene());
+    let measured = "2 frames that the training did not see";
+    let measure = |window: &mut Window, times: usize| {
+        window.press_with(Modifiers::COMMAND, Key::M);
+        window.until_shown(measured);
+        assert_eq!(window.backend.num_measured.load(Ordering::Relaxed), times);
+    };
+    measure(&mut window, 1);
+    window.click("Frame 9");
+    measure(&mut window, 1);
+    let close = |window: &mut Window| {
+        window.press(Key::Escape);
+        window.harness.step();
+        assert_eq!(window.harness.state().shared.dialog, None);
+    };
+    close(&mut window);
+    window.harness.state_mut().shared.document.toggle_excluded(3, 5);
+    measure(&mut window, 2);
+    close(&mut window);
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.open_path(Path::new("/data/other.safetensors"), &ctx);
+    window.until(|app| app.info().is_some_and(|i| i.path.ends_with("other.safetensors")));
+    measure(&mut window, 3);
+}
+
+#[test]
 fn frames_that_are_left_out_are_not_measured() {
     let mut window = Window::on(scene());
     window.harness.state_mut().shared.document.toggle_excluded(3, 5);
