@@ -337,7 +337,13 @@ impl TrainDialog {
             self.asked = None;
             return;
         }
-        let Some(mut asked) = self.asked.take().or_else(|| Asked::new(shared)) else {
+        let recording = shared.info().and_then(|info| info.recording.as_ref());
+        let asked = match self.asked.take() {
+            // Something else may have been opened meanwhile.
+            Some(asked) => Some(asked).filter(|asked| Some(&asked.request.recording) == recording),
+            None => Asked::new(shared),
+        };
+        let Some(mut asked) = asked else {
             actions.push(Action::CloseDialog);
             return;
         };

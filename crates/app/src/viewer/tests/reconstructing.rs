@@ -317,6 +317,23 @@ fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
 }
 
 #[test]
+fn the_questions_are_about_what_is_open() {
+    let mut window = Window::on(bare());
+    window.click("Reconstruct…");
+    assert!(window.shows("Reconstruct this recording"));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.open_path(Path::new("/elsewhere/second"), &ctx);
+    window.until(|app| app.info().is_some_and(|i| i.path == Path::new("/elsewhere/second")));
+    window.until(|app| app.dialog.is_none());
+    assert!(!window.shows("Reconstruct this recording"));
+    window.click("Reconstruct…");
+    window.click("Start");
+    window.until(|app| app.reconstruction.training.is_some());
+    let training = window.harness.state().shared.reconstruction.training.as_ref().unwrap();
+    assert_eq!(training.recording, Path::new("/elsewhere/second"));
+}
+
+#[test]
 fn a_scene_is_replaced_only_if_the_user_agreed() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..bare() });
