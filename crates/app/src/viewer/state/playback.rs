@@ -91,6 +91,15 @@ impl Playback {
         Self { frame_seconds: if is_whole { frame_seconds.clone() } else { Arc::default() }, ..self }
     }
 
+    /// Goes on where the clock of an earlier state of the same recording stands: on its frame, at its speed,
+    /// repeating and playing if that does.
+    pub(crate) fn going_on(self, before: &Self, now: f64) -> Self {
+        let (speed, looping) = (before.speed, before.looping);
+        let mut clock = Self { speed, looping, playing_since: before.playing_since, ..self };
+        clock.go_to(before.frame, now);
+        clock
+    }
+
     /// Returns the seconds from the start of the recording to `frame`. Past the end, frames follow each other
     /// at the usual pace.
     pub(crate) fn seconds(&self, frame: usize) -> f64 {
@@ -439,6 +448,22 @@ mod tests {
         assert_eq!(clock.frame(), 0);
         clock.advance(1e6);
         assert!(clock.is_playing() && clock.frame() <= 2);
+    }
+
+    #[test]
+    fn another_state_of_the_recording_goes_on_where_the_first_one_stands() {
+        let mut first = Playback::new(100, Some(10.0));
+        first.toggle_looping();
+        first.change_speed(1, 0.0);
+        first.seek(40, 0.0);
+        let again = || Playback::new(100, Some(10.0));
+        let stands = again().going_on(&first, 7.0);
+        assert_eq!((stands.frame(), stands.jump().frame, stands.speed()), (40, 40, 2.0));
+        assert!(!stands.is_looping() && !stands.is_playing());
+        first.play(7.0);
+        let mut plays = again().going_on(&first, 7.0);
+        plays.advance(8.0);
+        assert_eq!((plays.frame(), plays.is_playing()), (60, true));
     }
 
     #[test]

@@ -96,6 +96,24 @@ fn the_view_stays_when_a_reconstruction_ends() {
 }
 
 #[test]
+fn what_plays_plays_on_when_a_reconstruction_ends() {
+    for plays in [true, false] {
+        let mut window = training();
+        let now = window.harness.ctx.input(|i| i.time);
+        let playback = &mut window.harness.state_mut().shared.playback;
+        playback.change_speed(-1, now);
+        match plays {
+            true => playback.play(now),
+            false => playback.toggle_looping(),
+        }
+        window.backend.is_trained.store(true, Ordering::Relaxed);
+        window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
+        let playback = &window.harness.state().shared.playback;
+        assert_eq!((playback.is_playing(), playback.is_looping(), playback.speed()), (plays, plays, 0.5));
+    }
+}
+
+#[test]
 fn all_that_finished_meanwhile_are_offered() {
     let mut window = training();
     queue(&mut window, "/elsewhere/second");

@@ -150,10 +150,9 @@ impl Shared {
         let is_same_recording = self.info().is_some_and(|i| i.is_same_recording(info));
         let loses_frames = self.info().is_some_and(|i| i.has_other_frames(info)) && !self.is_untouched();
         self.put_unsaved_aside(is_same_recording);
-        let frame = if is_same_recording { self.playback.frame() } else { 0 };
-        self.playback =
-            Playback::new(info.num_frames, info.frames_per_second).with_times(&info.frame_seconds);
-        self.playback.go_to(frame, 0.0);
+        let now = ctx.input(|i| i.time);
+        let clock = Playback::new(info.num_frames, info.frames_per_second).with_times(&info.frame_seconds);
+        self.playback = if is_same_recording { clock.going_on(&self.playback, now) } else { clock };
         if !is_same_recording {
             self.document.start_recording(CleanUp::usual(info.width, info.height));
             self.viewport.span = None;
@@ -173,7 +172,7 @@ impl Shared {
         }
         if loses_frames {
             let what = "These are other frames than before: your work on those is kept";
-            self.say(what, None, ctx.input(|i| i.time));
+            self.say(what, None, now);
         }
         self.open = Some(open);
         let title = format!("{} – SurgTPGS", self.title());

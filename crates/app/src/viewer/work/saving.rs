@@ -187,6 +187,8 @@ impl Shared {
         self.document.is_hidden = display.is_hidden;
         self.document.look = display.look.mended(info.orbit_limit());
         self.viewport.wipe = if display.wipe.is_finite() { display.wipe.clamp(0.02, 0.98) } else { 0.5 };
+        // It was saved standing on a frame.
+        self.playback.pause();
         self.playback.restore(time.speed, time.repeats, now);
         self.playback.go_to(time.frame, now);
         self.prompt_box.earlier = earlier_prompts;
