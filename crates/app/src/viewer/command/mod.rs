@@ -19,7 +19,7 @@ use acts::{
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 use obstacles::{
     Obstacle, bookmarked, never, no_bookmarks, no_demo, no_export, no_marks, no_picture, no_prompts,
-    no_reconstruction, no_span, not_bookmarked, not_found, not_reconstructible, nothing_open,
+    no_reconstruction, no_span, not_bookmarked, not_found, not_in_a_file, not_reconstructible, nothing_open,
     nothing_to_compare, nothing_to_redo, nothing_to_undo, nowhere_to_look, picking, reconstructing,
     uncounted,
 };
@@ -184,7 +184,7 @@ commands! {
         unless no_export, act |s, _| s.dialog = Some(Dialog::Export);
     Quality: File, Always, [ctrl(Key::M)], "Measure quality…",
         "How well the reconstruction and what its class names find match the recording and its labels",
-        unless |s| reconstructing(s).or(nothing_to_compare(s)), act |s, _| s.dialog = Some(Dialog::Quality);
+        unless |s| not_in_a_file(s).or(nothing_to_compare(s)), act |s, _| s.dialog = Some(Dialog::Quality);
     Quit: File, Always, [ctrl(Key::Q)], "Quit",
         "Close the window",
         unless never, act |_, g| g.ctx.send_viewport_cmd(ViewportCommand::Close);

@@ -1,7 +1,7 @@
 //! Obstacles of commands: each function says what is in the way in the present state, in a few words.
 
 use crate::viewer::{
-    picture::areas::Curve,
+    picture::{areas::Curve, open::Open},
     shared::Shared,
     state::{
         excluded::EXCLUDED,
@@ -39,6 +39,13 @@ pub(super) fn no_demo(shared: &Shared) -> Obstacle {
 /// The shown recording is being reconstructed.
 pub(super) fn reconstructing(shared: &Shared) -> Obstacle {
     shared.is_reconstructing().then_some("It is being reconstructed: wait, or stop that first")
+}
+
+/// What is shown is in no file: it is being reconstructed, or a preview is left of that.
+pub(super) fn not_in_a_file(shared: &Shared) -> Obstacle {
+    let is_preview = shared.open.as_ref().is_some_and(Open::is_preview);
+    let preview = is_preview.then_some("This is a preview: open the finished reconstruction");
+    reconstructing(shared).or(preview)
 }
 
 /// A new reconstruction cannot be asked for.
@@ -84,7 +91,7 @@ pub(super) fn no_prompts(shared: &Shared) -> Obstacle {
 /// Nothing can be exported.
 pub(super) fn no_export(shared: &Shared) -> Obstacle {
     let is_exporting = shared.is_exporting().then_some("Another export is running");
-    nothing_open(shared).or(reconstructing(shared)).or(no_answers(shared)).or(is_exporting)
+    nothing_open(shared).or(not_in_a_file(shared)).or(no_answers(shared)).or(is_exporting)
 }
 
 pub(super) fn no_marks(shared: &Shared) -> Obstacle {
@@ -101,9 +108,7 @@ pub(super) fn nothing_to_redo(shared: &Shared) -> Obstacle {
 
 /// No areas are counted: prompts have no answers, or a passing state is shown.
 fn no_areas(shared: &Shared) -> Obstacle {
-    let preview = "This is a preview: open the finished reconstruction";
-    let is_counted = shared.areas().is_some();
-    no_answers(shared).or(reconstructing(shared)).or((!is_counted).then_some(preview))
+    no_answers(shared).or(not_in_a_file(shared))
 }
 
 /// The areas of a visible prompt are not known on every frame, or no visible prompt has any. Those that have

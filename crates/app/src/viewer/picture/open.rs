@@ -130,6 +130,11 @@ impl Open {
         self.full_ms > SLOW_MS
     }
 
+    /// Returns `true` if a passing state is shown, which is in no file.
+    pub(crate) fn is_preview(&self) -> bool {
+        self.areas.is_none()
+    }
+
     pub(crate) fn picture(&self) -> Option<&Picture> {
         self.shown.as_ref().map(|shown| &shown.picture)
     }

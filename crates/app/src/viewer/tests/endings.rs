@@ -71,7 +71,7 @@ fn a_finished_reconstruction_takes_nothing_out_of_the_hand() {
     let shared = &mut window.harness.state_mut().shared;
     let shape = Shape::Click { point_px: [5.0, 5.0], radius_px: 1.0 };
     shared.document.add_mark(Mark::new(3, "tool", true, shape));
-    for command in [Command::CopyAreas, Command::LargestFound] {
+    for command in [Command::CopyAreas, Command::LargestFound, Command::Export, Command::Quality] {
         let why = shared.obstacle(command);
         assert_eq!(why, Some("This is a preview: open the finished reconstruction"));
     }
