@@ -155,6 +155,19 @@ fn a_failure_names_its_recording_where_another_is_shown() {
 }
 
 #[test]
+fn what_waits_is_reconstructed_if_a_failure_keeps_the_window_open() {
+    let mut window = training();
+    queue(&mut window, "/elsewhere/second");
+    window.backend.is_disk_full.store(true, Ordering::Relaxed);
+    assert!(!closes(&mut window));
+    window.until_shown("Reconstructing clip.mp4: not saved yet");
+    window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.give_up();
+    window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.recording.ends_with("second")));
+    let problem = window.harness.state().shared.problem.clone();
+    assert!(problem.is_some_and(|why| why.contains("disk is full")));
+}
+
+#[test]
 fn the_demo_waits_for_the_training_that_is_running() {
     let mut window = training();
     let ctx = window.harness.ctx.clone();

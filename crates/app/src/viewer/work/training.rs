@@ -84,9 +84,7 @@ impl Shared {
         let is_lost = !matches!(result, Ok(_) | Err(Error::Cancelled));
         if training.closing_since.is_some() && !is_lost {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
-        }
-        let next = self.reconstruction.queue.pop_front().filter(|_| training.closing_since.is_none());
-        if let Some(next) = next {
+        } else if let Some(next) = self.reconstruction.queue.pop_front() {
             self.start_training(next, ctx);
         }
         match result {
