@@ -106,8 +106,8 @@ pub(crate) struct Training {
     /// Available memory, bytes, and the time of that reading, seconds.
     pub(crate) memory: Option<(u64, f64)>,
     quality: Quality,
-    /// Expected duration of the training itself, seconds.
-    expected_seconds: f64,
+    /// Expected duration of the training itself, seconds; `None` if the recording's size is not known.
+    expected_seconds: Option<f64>,
     whole: WholeWork,
     /// Duration of a step of [`Quality::Standard`], seconds, once there is a pace.
     pub(crate) seconds_per_step: Option<f64>,
@@ -119,7 +119,7 @@ impl Training {
     pub(crate) fn start(
         backend: Arc<dyn Backend>,
         request: TrainRequest,
-        expected_seconds: f64,
+        expected_seconds: Option<f64>,
         ctx: &Context,
     ) -> Self {
         let (theirs, recording, scene) = (backend.clone(), request.recording.clone(), request.scene.clone());
@@ -192,9 +192,9 @@ impl Training {
         if progress.stage == TRAINING {
             return self.whole.training(progress).seconds_left();
         }
-        let left = progress.seconds_left()?;
+        let left = progress.seconds_left()? + self.expected_seconds?;
         // Between two parts of a long recording, the time of those that follow is not known.
-        self.is_preparing().then_some(left + self.expected_seconds)
+        self.is_preparing().then_some(left)
     }
 
     /// Reads the available memory, at most once a second.

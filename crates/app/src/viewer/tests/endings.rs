@@ -12,6 +12,7 @@ use crate::{
         state::{
             content::Look,
             marking::{Draft, Tool},
+            reconstruction::Training,
         },
     },
 };
@@ -152,6 +153,19 @@ fn a_failure_names_its_recording_where_another_is_shown() {
     window.until(|app| app.problem.is_some());
     let problem = window.harness.state().shared.problem.clone().unwrap();
     assert!(problem.starts_with("broken could not be reconstructed: there is nothing to learn"), "{problem}");
+}
+
+#[test]
+fn the_time_of_what_waited_is_not_that_of_what_is_shown() {
+    let mut window = training();
+    queue(&mut window, "/elsewhere/second");
+    open(&mut window, "/elsewhere/third");
+    window.backend.is_preparing.store(true, Ordering::Relaxed);
+    window.stop_training();
+    // There is a pace after two seconds.
+    let is_under_way = |t: &Training| t.is_preparing() && t.task.progress.seconds > 2.0;
+    window.until(|app| app.reconstruction.training.as_ref().is_some_and(is_under_way));
+    assert!(window.shows("estimating the time…"));
 }
 
 #[test]

@@ -23,8 +23,9 @@ impl Shared {
             return;
         }
         let pace = self.preferences.seconds_per_step_and_pixel;
-        let (frames, size) = self.info().map_or((0, [0; 2]), |i| (i.num_frames, [i.width, i.height]));
-        let expected = request.quality.expected_seconds(frames, size, pace);
+        let shown = self.info().filter(|info| info.recording.as_ref() == Some(&request.recording));
+        let expected =
+            shown.map(|i| request.quality.expected_seconds(i.num_frames, [i.width, i.height], pace));
         self.reconstruction.training = Some(Training::start(self.backend.clone(), request, expected, ctx));
     }
 
