@@ -8,6 +8,7 @@ use crate::viewer::{
     shared::Shared,
     state::{
         content::{Prompt, is_same_name},
+        marking::Draft,
         marks::{MarkList, canvas},
         saving::SavedKind,
         toast::Back,
@@ -22,7 +23,8 @@ impl Shared {
     /// Returns `true` if prompts can be asked: the reconstruction has features, or marks can be carried to it.
     pub(crate) fn can_ask(&self) -> bool {
         let has_features = self.info().is_some_and(|i| i.has_features);
-        has_features || (self.carries_marks() && !self.marks_shown().is_empty())
+        let has_marks = || !self.document.marks().is_empty() || self.draft_shown().is_some();
+        has_features || (self.carries_marks() && has_marks())
     }
 
     /// Returns `true` if prompts can be typed: they are answered now, or wait for the reconstruction.
@@ -66,11 +68,14 @@ impl Shared {
 
     /// Returns all marks, with the one that is being drawn.
     pub(crate) fn marks_shown(&self) -> MarkList {
-        let (marks, marking) = (self.document.marks(), &self.viewport.marking);
-        match marking.draft.as_ref().filter(|draft| marking.is_on && draft.fits) {
-            Some(draft) => marks.with([draft.mark.clone()]),
-            None => marks.clone(),
-        }
+        let marks = self.document.marks();
+        self.draft_shown().map_or_else(|| marks.clone(), |draft| marks.with([draft.mark.clone()]))
+    }
+
+    /// Returns the mark that is being drawn, if it marks something already.
+    fn draft_shown(&self) -> Option<&Draft> {
+        let marking = &self.viewport.marking;
+        marking.draft.as_ref().filter(|draft| marking.is_on && draft.fits)
     }
 
     /// Returns the names of all that may be marked or looked for here: prompts, marks, classes.
