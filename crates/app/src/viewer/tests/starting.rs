@@ -197,6 +197,31 @@ fn what_the_systems_dialog_returns_is_opened_and_closing_it_does_nothing() {
 }
 
 #[test]
+fn the_start_page_stays_though_something_was_being_opened() {
+    let mut window = Window::on(scene());
+    let ctx = window.harness.ctx.clone();
+    let opens: [fn(&mut Shared, &egui::Context); 2] = [
+        |shared, ctx| shared.open_path(Path::new("/data/other.safetensors"), ctx),
+        |shared, ctx| shared.open_demo(ctx),
+    ];
+    for begin in opens {
+        let shared = &mut window.harness.state_mut().shared;
+        shared.opening.demo_folder = Some("/data/demo".into());
+        shared.open_path(Path::new("/data/clip.safetensors"), &ctx);
+        window.until(|app| app.open.is_some() && app.opening.underway.is_none());
+        let shared = &mut window.harness.state_mut().shared;
+        begin(shared, &ctx);
+        shared.run(Command::StartPage.into(), &ctx);
+        for _ in 0..50 {
+            window.harness.step();
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let shared = &window.harness.state().shared;
+        assert!(shared.open.is_none() && shared.opening.waiting_for().is_none());
+    }
+}
+
+#[test]
 fn the_start_page_is_one_command_away_and_loses_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::on(scene());

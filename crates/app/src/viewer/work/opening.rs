@@ -212,9 +212,12 @@ impl Shared {
         self.reconstruction.check = is_bare.then(check);
     }
 
-    /// Closes what is open and shows the start page. Unsaved work is kept, and offered there.
+    /// Closes what is open, gives up what is being opened or made, and shows the start page. Unsaved work is
+    /// kept, and offered there.
     pub(crate) fn close(&mut self, ctx: &Context) {
         self.put_unsaved_aside(false);
+        (self.opening.underway, self.opening.demo) = (None, None);
+        (self.opening.train_when_open, self.saving.to_apply) = (None, None);
         self.playback.pause();
         self.document.start_recording(CleanUp::default());
         self.saving.saved = Saved::default();
