@@ -299,7 +299,8 @@ impl Pipeline {
         has_original.then(|| self.source.original(frame).ok()).flatten().map(|image| small(&image))
     }
 
-    /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
+    /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none,
+    /// or if it was left off.
     pub(crate) fn count_next(&mut self) -> Option<Measured> {
         let last = self.last.as_ref().filter(|l| !l.view.is_preview)?;
         if !self.can_ask() || !self.source.prepares_ahead() {
@@ -317,7 +318,11 @@ impl Pipeline {
         };
         let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
         let marks = self.marks.clone();
-        let look_here = if marks.is_empty() { None } else { self.source.look_here(frame).ok().flatten() };
+        let looked = if marks.is_empty() { Ok(None) } else { self.source.look_here(frame) };
+        if matches!(looked, Err(Error::Cancelled)) {
+            return None;
+        }
+        let look_here = looked.ok().flatten();
         let prompts_counted = new.into_iter().zip(levels).collect();
         let mut measured =
             Measured { frame, prompts: prompts_counted, forgotten: Vec::new(), marks, look_here };

@@ -19,7 +19,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     grid::Grid,
-    marks::{Mark, Shape},
+    marks::{LookHere, Mark, Shape},
     mask::CleanUp,
     overlay::OverlayLook,
     relevancy::RelevancySettings,
@@ -38,6 +38,8 @@ struct Telling {
     cut: usize,
     /// Frame that takes until a request for another one waits.
     endless: Option<usize>,
+    /// Frame whose place to look at is not told while a request for another one waits.
+    hidden: Option<usize>,
     pending: Arc<Pending>,
 }
 
@@ -78,6 +80,10 @@ impl FrameSource for Telling {
         let side = self.side as usize;
         questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
     }
+    fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
+        let is_elsewhere = self.pending.is_elsewhere(|next| next == frame);
+        if self.hidden == Some(frame) && is_elsewhere { Err(Error::Cancelled) } else { Ok(None) }
+    }
     fn leave_off_for(&mut self, pending: &Arc<Pending>) {
         self.pending = pending.clone();
     }
@@ -106,6 +112,7 @@ fn telling(side: u32) -> Telling {
         parts: Arc::default(),
         cut: FRAMES,
         endless: None,
+        hidden: None,
         pending: Arc::default(),
     }
 }
@@ -118,6 +125,10 @@ fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
 
 fn question(text: &str) -> Question {
     Question::words(text, Negatives::of(&RelevancySettings::default()))
+}
+
+fn click(name: &str) -> Mark {
+    Mark::new(0, name, true, Shape::Click { point_px: [2.0, 2.0], radius_px: 1.0 })
 }
 
 /// Depths from `near` to twice that.
@@ -231,6 +242,19 @@ fn what_was_left_off_is_counted_later() {
     let picture = pipeline.produce(request(9));
     assert!(!picture.is_left_off && picture.problem.is_none());
     assert!(pipeline.count_next().is_none(), "the third frame is next");
+}
+
+#[test]
+fn a_frame_is_counted_again_if_the_place_to_look_at_was_left_off() {
+    let source = Telling { hidden: Some(2), ..telling(8) };
+    let pending = Arc::new(Pending::default());
+    let mut pipeline = Pipeline::new(Box::new(source)).leaving_off_for(pending.clone());
+    pipeline.produce(Request { marks: MarkList::of(vec![click("liver")]), ..request(20) });
+    pending.set(Next::Frame(9));
+    let counted: Vec<usize> = std::iter::from_fn(|| pipeline.count_next()).map(|m| m.frame).collect();
+    assert_eq!(counted, [0, 1], "the third frame was left off");
+    pending.clear();
+    assert_eq!(pipeline.count_next().map(|measured| measured.frame), Some(2));
 }
 
 #[test]
@@ -421,8 +445,7 @@ fn areas_are_counted_again_after_marks_that_were_taken_back_at_once() {
     };
     worker.submit(request(0));
     count_all();
-    let mark = Mark::new(0, "liver", true, Shape::Click { point_px: [2.0, 2.0], radius_px: 1.0 });
-    worker.submit(Request { marks: MarkList::of(vec![mark]), ..request(0) });
+    worker.submit(Request { marks: MarkList::of(vec![click("liver")]), ..request(0) });
     worker.submit(request(0));
     count_all();
 }
