@@ -56,6 +56,8 @@ pub(crate) struct Pipeline {
     counted: Option<Counted>,
     /// Marks that the source has.
     marks: MarkList,
+    /// Marks that it could not take last, and why; it has none then.
+    refused: Option<(MarkList, String)>,
     /// The request that waits.
     pending: Arc<Pending>,
 }
@@ -88,6 +90,7 @@ impl Pipeline {
             motion_top: None,
             last: None,
             marks: MarkList::default(),
+            refused: None,
             pending: Arc::default(),
         }
     }
@@ -106,7 +109,7 @@ impl Pipeline {
         self.rendered.clear();
         self.motion_top = None;
         self.counted = None;
-        self.marks = MarkList::default();
+        (self.marks, self.refused) = (MarkList::default(), None);
     }
 
     /// Makes the picture. A failure becomes [`Picture::problem`], and work that was left off
@@ -132,9 +135,9 @@ impl Pipeline {
             passes_run: 0,
             request,
         };
-        let marked = self.take_marks(&picture.request.marks);
-        match self.fill(&mut picture).and(marked) {
-            Ok(()) => {}
+        let refused = self.take_marks(&picture.request.marks);
+        match self.fill(&mut picture) {
+            Ok(()) => picture.problem = refused,
             Err(Error::Cancelled) => picture.is_left_off = true,
             Err(e) => picture.problem = Some(message(&e)),
         }
@@ -147,7 +150,9 @@ impl Pipeline {
     /// Makes the picture without what holds it up: prompts that have to wait for marks from another chapter, or
     /// depth that is not drawn. `None` if nothing does.
     pub(crate) fn first_look(&mut self, request: &Request) -> Option<Picture> {
-        self.take_marks(&request.marks).ok()?;
+        if self.take_marks(&request.marks).is_some() {
+            return None;
+        }
         let is_asked = !request.prompts.is_empty() && self.can_ask();
         let waits = is_asked && !self.source.answers_at_once(&request.view);
         let depth = self.needs(request).parts.filter(|_| request.wants_depth_alone());
@@ -201,17 +206,28 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Gives the source other marks. All scores so far are those of earlier marks then.
-    fn take_marks(&mut self, marks: &MarkList) -> Result<()> {
-        if self.marks == *marks {
-            return Ok(());
+    /// Gives the source other marks. All scores so far are those of earlier marks then. Returns why the source
+    /// cannot take these, and has none; they are not tried again before there are others.
+    fn take_marks(&mut self, marks: &MarkList) -> Option<String> {
+        if let Some((_, why)) = self.refused.as_ref().filter(|(refused, _)| refused == marks) {
+            return Some(why.clone());
         }
-        self.marks = MarkList::default();
+        self.refused = None;
+        if self.marks == *marks {
+            return None;
+        }
         self.rendered.iter_mut().for_each(|rendered| rendered.scores.clear());
         self.count_anew();
-        self.source.set_marks(marks.all())?;
+        if let Err(error) = self.source.set_marks(marks.all()) {
+            // It may have kept the earlier ones.
+            let _ = self.source.set_marks(&[]);
+            self.marks = MarkList::default();
+            let why = message(&error);
+            self.refused = Some((marks.clone(), why.clone()));
+            return Some(why);
+        }
         self.marks = marks.clone();
-        Ok(())
+        None
     }
 
     /// Forgets what was counted.

@@ -40,6 +40,8 @@ struct Telling {
     endless: Option<usize>,
     /// Frame whose place to look at is not told while a request for another one waits.
     hidden: Option<usize>,
+    /// Numbers of marks that were given, one after the other.
+    given: Arc<Mutex<Vec<usize>>>,
     pending: Arc<Pending>,
 }
 
@@ -80,6 +82,11 @@ impl FrameSource for Telling {
         let side = self.side as usize;
         questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
     }
+    fn set_marks(&mut self, marks: &[Mark]) -> Result<()> {
+        self.given.lock().unwrap().push(marks.len());
+        let is_refused = marks.iter().any(|mark| mark.name == "refused");
+        if is_refused { Err(Error::input("these marks cannot be taken", "")) } else { Ok(()) }
+    }
     fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
         let is_elsewhere = self.pending.is_elsewhere(|next| next == frame);
         if self.hidden == Some(frame) && is_elsewhere { Err(Error::Cancelled) } else { Ok(None) }
@@ -113,6 +120,7 @@ fn telling(side: u32) -> Telling {
         cut: FRAMES,
         endless: None,
         hidden: None,
+        given: Arc::default(),
         pending: Arc::default(),
     }
 }
@@ -448,6 +456,25 @@ fn areas_are_counted_again_after_marks_that_were_taken_back_at_once() {
     worker.submit(Request { marks: MarkList::of(vec![click("liver")]), ..request(0) });
     worker.submit(request(0));
     count_all();
+}
+
+#[test]
+fn marks_that_cannot_be_taken_are_tried_once_and_leave_none_of_the_earlier_ones() {
+    let source = telling(8);
+    let given = source.given.clone();
+    let mut pipeline = Pipeline::new(Box::new(source));
+    let mut produce = |names: &[&str]| {
+        let marks = MarkList::of(names.iter().map(|name| click(name)).collect());
+        let picture = pipeline.produce(Request { marks, ..request(3) });
+        (picture.problem, picture.findings[0].outcome.as_ref().unwrap().scores.clone())
+    };
+    produce(&["liver"]);
+    let (problem, scores) = produce(&["liver", "refused"]);
+    assert_eq!(problem.as_deref(), Some("these marks cannot be taken."));
+    let (again, same) = produce(&["liver", "refused"]);
+    assert!(again == problem && Arc::ptr_eq(&scores, &same), "nothing is asked anew");
+    assert_eq!(produce(&[]).0, None);
+    assert_eq!(*given.lock().unwrap(), [1, 2, 0]);
 }
 
 #[test]
