@@ -16,6 +16,7 @@ pub(crate) mod open;
 mod pipeline;
 #[cfg(test)]
 mod pipeline_tests;
+mod rendered;
 pub(crate) mod request;
 pub(crate) mod texture;
 pub(crate) mod textures;

@@ -4,13 +4,14 @@
 
 use crate::engine::{Answer, Pending, Question, frames_around};
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Parts, Rendering},
+    backend::{FrameSource, FrameView, Parts},
     picture::{
         areas::{Counted, Measure, Measured},
         difference::Difference,
         findings::{FoundLast, PromptScores, Scores},
         layer_colours::colour_layer,
-        marks::{color_image, fade, mark, outline},
+        marks::{color_image, mark, outline},
+        rendered::{Colour, Rendered},
         request::{AskedPrompt, LayerPane, Pane, Picture, Request},
         thumbnails::small,
     },
@@ -60,21 +61,6 @@ pub(crate) struct Pipeline {
     refused: Option<(MarkList, String)>,
     /// The request that waits.
     pending: Arc<Pending>,
-}
-
-struct Rendered {
-    view: FrameView,
-    has_features: bool,
-    colour: Option<Colour>,
-    depth: Option<Arc<Grid<f32>>>,
-    unseen_share: f32,
-    scores: Vec<PromptScores>,
-}
-
-/// A picture, also as it is shown.
-struct Colour {
-    image: RgbImage,
-    bare: Arc<ColorImage>,
 }
 
 impl Pipeline {
@@ -575,62 +561,6 @@ struct Needs {
     /// Parts to render; `None` if nothing is rendered.
     parts: Option<Parts>,
     asks: bool,
-}
-
-impl Rendered {
-    fn of(view: &FrameView) -> Self {
-        let (colour, depth, scores) = (None, None, Vec::new());
-        Self { view: *view, has_features: false, colour, depth, unseen_share: 0.0, scores }
-    }
-
-    fn parts(&self) -> Parts {
-        let (colour, depth) = (self.colour.is_some(), self.depth.is_some());
-        Parts { features: self.has_features, colour, depth }
-    }
-
-    fn has(&self, parts: Parts) -> bool {
-        parts.without(self.parts()) == Parts::default()
-    }
-
-    /// Adds the parts that were rendered.
-    fn add(&mut self, Rendering { colour, depth, unseen }: Rendering, parts: Parts) {
-        self.has_features |= parts.features;
-        self.depth = depth.map(Arc::new).or(self.depth.take());
-        if let Some(mut image) = colour {
-            if let (Some(depth), Some(unseen)) = (&self.depth, unseen) {
-                self.unseen_share = fade(&mut image, depth, &unseen);
-            }
-            self.colour = Some(Colour { bare: Arc::new(color_image(&image)), image });
-        }
-    }
-
-    /// Returns those questions that have not been asked for this view yet.
-    fn new_questions(&self, questions: &[Question]) -> Vec<Question> {
-        let mut new: Vec<Question> = Vec::new();
-        for question in questions {
-            if !new.contains(question) && !self.scores.iter().any(|(q, _)| q == question) {
-                new.push(question.clone());
-            }
-        }
-        new
-    }
-
-    /// Returns the scores of all `questions`, if all of them have been asked.
-    fn known(&self, questions: &[Question]) -> Option<Vec<Scores>> {
-        let of = |question: &Question| {
-            let known = self.scores.iter().find(|(q, _)| q == question);
-            known.map(|(_, scores)| scores.clone())
-        };
-        questions.iter().map(of).collect()
-    }
-
-    fn bytes(&self) -> usize {
-        // A picture is kept as RGB and RGBA.
-        let colour = self.colour.as_ref().map_or(0, |colour| 7 * colour.image.as_raw().len() / 3);
-        let scores = self.scores.iter().filter_map(|(_, scores)| scores.as_ref().ok());
-        let values: usize = scores.chain(&self.depth).map(|grid| grid.data.len()).sum();
-        colour + size_of::<f32>() * values
-    }
 }
 
 /// Carries the marks to a view that was just rendered, and asks it questions. The only error is that this was
