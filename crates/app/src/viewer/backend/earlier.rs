@@ -2,7 +2,7 @@
 
 use crate::{
     jobs,
-    viewer::backend::{Info, SCENE, Words, frames::Frames},
+    viewer::backend::{Info, SCENE, Words, frames::Frames, paths::free_folder},
 };
 use std::{
     cmp::Reverse,
@@ -90,11 +90,8 @@ pub(crate) fn features_beside(scene: &Path) -> PathBuf {
 
 /// Returns a folder for what networks find for a scene, which is not there yet.
 pub(crate) fn new_features_beside(scene: &Path) -> PathBuf {
-    let first = features_beside(scene);
-    let name = first.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let numbered = (2..1000).map(|number| first.with_file_name(format!("{name}-{number}")));
-    let mut folders = std::iter::once(first.clone()).chain(numbered);
-    folders.find(|folder| !folder.exists()).unwrap_or_else(|| features_beside(scene))
+    let (folder, name) = (scene.parent().unwrap_or(Path::new("")), scene.file_stem().unwrap_or_default());
+    free_folder(folder, &name.to_string_lossy(), FEATURES)
 }
 
 /// Returns the reconstruction of a recording that is offered before a new one is made: the newest whole one,

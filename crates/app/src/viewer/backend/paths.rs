@@ -64,17 +64,23 @@ pub(crate) fn taken(file: &Path) -> Option<String> {
     file.exists().then(|| format!("{} is there already: choose another name.", file.display()))
 }
 
-/// Returns the `number`th path that is offered for a file of a name, from 1 on.
-fn numbered_path(folder: &Path, name: &str, extension: &str, number: usize) -> PathBuf {
-    let number = if number == 1 { String::new() } else { format!("-{number}") };
-    folder.join(format!("{name}{number}.{extension}"))
+/// Returns the first path for a file of a name that does not exist yet and is not `planned`, so that nothing
+/// is overwritten.
+pub(crate) fn free_path(folder: &Path, name: &str, extension: &str, planned: &[PathBuf]) -> PathBuf {
+    first_free(planned, |number| folder.join(format!("{name}{number}.{extension}")))
 }
 
-/// Returns the first of these paths that does not exist yet and is not `planned`, so that nothing is
-/// overwritten.
-pub(crate) fn free_path(folder: &Path, name: &str, extension: &str, planned: &[PathBuf]) -> PathBuf {
-    let path = |i| numbered_path(folder, name, extension, i);
-    (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
+/// Returns the first path for a folder that does not exist yet: of a name and what the folder holds.
+pub(crate) fn free_folder(parent: &Path, name: &str, what: &str) -> PathBuf {
+    first_free(&[], |number| parent.join(format!("{name}-{what}{number}")))
+}
+
+/// Returns the first of the paths without a number, and with `-2` and so on, that does not exist yet and is
+/// not `planned`.
+fn first_free(planned: &[PathBuf], path: impl Fn(&str) -> PathBuf) -> PathBuf {
+    let numbered = |number: usize| if number == 1 { path("") } else { path(&format!("-{number}")) };
+    let is_free = |path: &PathBuf| !path.exists() && !planned.contains(path);
+    (1..1000).map(&numbered).find(is_free).unwrap_or_else(|| numbered(1000))
 }
 
 /// Answer to a question for a path.
@@ -176,5 +182,10 @@ mod tests {
         assert!(taken(&first).unwrap().ends_with("clip.csv is there already: choose another name."));
         assert_eq!(free_path(folder.path(), "clip", "csv", &[]), second);
         assert_eq!(free_path(folder.path(), "clip", "csv", &[second]), third);
+        for name in ["op.1-export", "op.1-export-2"] {
+            let free = free_folder(folder.path(), "op.1", "export");
+            assert_eq!(free, folder.path().join(name));
+            std::fs::create_dir(free).unwrap();
+        }
     }
 }

@@ -4,11 +4,10 @@ use crate::viewer::{
     action::Action,
     backend::{
         Backend,
-        paths::{PathAsk, PathKind},
+        paths::{PathAsk, PathKind, free_folder},
         ranges::included,
     },
     panels::{
-        folder::free_folder,
         picking::Picking,
         widgets::{self, caption, choice, main_button, palette_ui, path_field},
     },

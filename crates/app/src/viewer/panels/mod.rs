@@ -9,7 +9,6 @@ mod curves;
 mod drawing;
 pub(crate) mod export;
 mod exporting;
-mod folder;
 pub(crate) mod go_to;
 mod help;
 mod import_check;

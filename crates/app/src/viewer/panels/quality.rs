@@ -6,12 +6,10 @@ use crate::viewer::{
     action::Action,
     backend::{
         Info,
+        paths::free_folder,
         task::{Task, TaskContext, TaskEvent},
     },
-    panels::{
-        folder::free_folder,
-        widgets::{caption, dialog, main_button},
-    },
+    panels::widgets::{caption, dialog, main_button},
     remedy::statement,
     shared::{Dialog, Shared},
     text::thousands,
