@@ -34,6 +34,15 @@ impl Scene {
             None => file::provenance(path),
         }
     }
+    /// Tells, without reading Gaussians, if the scene in a file has a codec, so that words are found in it.
+    pub fn has_codec_in(path: &Path) -> bool {
+        let Ok(file) = open_regular(path) else { return false };
+        match ChapterFile::open(path, file) {
+            Ok(Some(chapters)) => chapters.has_codec(),
+            Ok(None) => file::has_codec(path),
+            Err(_) => false,
+        }
+    }
     /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         file::to_bytes(self, false)

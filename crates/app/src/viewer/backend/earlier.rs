@@ -56,9 +56,9 @@ impl StoppedScene {
         if jobs::begun_chapters(path).is_empty() {
             return None;
         }
-        let scene = Scene::load(path).ok()?;
-        let settings: TrainSettings = serde_json::from_value(scene.provenance.settings).ok()?;
-        Some(Self { path: path.to_owned(), settings, has_features: scene.codec.is_some() })
+        let settings = Scene::provenance_of(path)?.settings;
+        let settings: TrainSettings = serde_json::from_value(settings).ok()?;
+        Some(Self { path: path.to_owned(), settings, has_features: Scene::has_codec_in(path) })
     }
 
     /// Returns the quality that the training goes on with if these frames are left out; `None` if it would

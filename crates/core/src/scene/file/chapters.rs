@@ -124,6 +124,11 @@ impl ChapterFile {
         self.index.scene().ok().map(|scene| scene.provenance)
     }
 
+    /// Returns `true` if the scene has a codec.
+    pub(in crate::scene) fn has_codec(&self) -> bool {
+        self.index.scene().is_ok_and(|scene| scene.codec.is_some())
+    }
+
     /// Returns the number of bytes of the largest chapter.
     pub(in crate::scene) fn largest_bytes(&self) -> u64 {
         self.chapters.iter().map(|(_, part)| part.len()).max().unwrap_or(0)

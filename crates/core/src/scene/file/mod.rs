@@ -42,6 +42,7 @@ use compact::Steps;
 use half::f16;
 use ndarray::{Array1, Array2};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde::de::IgnoredAny;
 use std::{collections::HashMap, io::Read, path::Path, sync::Arc};
 use tensors::{MAX_BASES, Reader, Writer};
 
@@ -191,26 +192,35 @@ pub(super) fn num_gaussians(file: impl Read) -> Option<usize> {
     Some(header.gaussians)
 }
 
+/// Returns `true` if a scene file has layers of a codec; nothing but its header is read.
+pub(super) fn has_codec(path: &Path) -> bool {
+    let header = open_regular(path).and_then(header_of);
+    let tensors = header.ok().and_then(|h| serde_json::from_slice::<HashMap<String, IgnoredAny>>(&h).ok());
+    tensors.is_some_and(|tensors| tensors.keys().any(|name| name.starts_with("encoder.")))
+}
+
 /// Reads the metadata of the safetensors file at `path`.
 fn metadata(path: &Path) -> Option<HashMap<String, String>> {
     metadata_of(open_regular(path).ok()?)
 }
 
 /// Reads the metadata of a safetensors file.
-fn metadata_of(mut file: impl Read) -> Option<HashMap<String, String>> {
+fn metadata_of(file: impl Read) -> Option<HashMap<String, String>> {
     #[derive(serde::Deserialize)]
     struct Names {
         #[serde(rename = "__metadata__")]
         metadata: HashMap<String, String>,
     }
-    let header = || {
-        let mut len = [0; 8];
-        file.read_exact(&mut len)?;
-        let mut header = Vec::new();
-        file.take(u64::from_le_bytes(len).min(MOST_HEADER)).read_to_end(&mut header)?;
-        std::io::Result::Ok(header)
-    };
-    serde_json::from_slice::<Names>(&header().ok()?).ok().map(|names| names.metadata)
+    serde_json::from_slice::<Names>(&header_of(file).ok()?).ok().map(|names| names.metadata)
+}
+
+/// Reads the header of a safetensors file.
+fn header_of(mut file: impl Read) -> std::io::Result<Vec<u8>> {
+    let mut len = [0; 8];
+    file.read_exact(&mut len)?;
+    let mut header = Vec::new();
+    file.take(u64::from_le_bytes(len).min(MOST_HEADER)).read_to_end(&mut header)?;
+    Ok(header)
 }
 
 /// Estimates the memory of a file's contents: its tensors twice, as stored and as used, and the weights
@@ -531,6 +541,20 @@ mod tests {
         before.codec = None;
         let after = from_bytes(&to_bytes(&before, false).unwrap()).unwrap();
         assert_eq!((after.codec, &after.gaussians.features), (None, &before.gaussians.features));
+    }
+
+    #[test]
+    fn the_header_tells_if_there_is_a_codec() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.safetensors");
+        assert!(!has_codec(&path));
+        let without = Scene { codec: None, ..scene() };
+        for (scene, expected) in [(scene(), true), (without, false)] {
+            for compact in [false, true] {
+                std::fs::write(&path, to_bytes(&scene, compact).unwrap()).unwrap();
+                assert_eq!(has_codec(&path), expected, "{compact}");
+            }
+        }
     }
 
     #[test]
