@@ -57,6 +57,7 @@ pub(super) fn not_reconstructible(shared: &Shared) -> Obstacle {
             Some("It is being reconstructed, or waits for it")
         }
         Some(_) if shared.opening.is_making_demo() => Some("The demo is being made"),
+        Some(_) if shared.reconstruction.is_flipping() => Some("Its masks are being flipped"),
         Some(_) => {
             let is_wrong = shared.reconstruction.would_be_wrong();
             is_wrong.then_some("The check of the recording found a fault: see the panel at the right")

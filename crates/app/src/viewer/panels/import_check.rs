@@ -9,7 +9,7 @@ use crate::viewer::{
     text::{sentence, thousands},
     theme,
 };
-use egui::{CollapsingHeader, Frame, Margin, RichText, Ui};
+use egui::{Button, CollapsingHeader, Frame, Margin, RichText, Ui};
 use surgtpgs_core::sequence::CheckReport;
 
 /// Shows the report of a recording that is not reconstructed.
@@ -67,8 +67,11 @@ fn report_ui(ui: &mut Ui, shared: &Shared, checked: &Checked, actions: &mut Vec<
     leave_out_ui(ui, shared, report, actions);
     let tip = "What the masks hide is kept, and what they keep is hidden, from now on. This is kept in a file beside \
                the recording, which itself is never written to; once more turns it back.";
-    if checked.can_flip && ui.button("Flip the masks").on_hover_text(tip).clicked() {
-        actions.push(Action::FlipMasks);
+    if checked.can_flip {
+        let flip = ui.add_enabled(!shared.reconstruction.is_flipping(), Button::new("Flip the masks"));
+        if flip.on_hover_text(tip).clicked() {
+            actions.push(Action::FlipMasks);
+        }
     }
 }
 

@@ -61,6 +61,11 @@ impl Reconstruction {
         self.finished.retain(|other| other != scene);
     }
 
+    /// Returns `true` while the masks of the open recording are being inverted.
+    pub(crate) fn is_flipping(&self) -> bool {
+        self.check.as_ref().is_some_and(|check| check.flipping.is_some())
+    }
+
     /// Returns `true` if the check of the open recording found that a reconstruction would be wrong.
     pub(crate) fn would_be_wrong(&self) -> bool {
         let outcome = self.check.as_ref().and_then(|check| check.outcome.as_ref());
@@ -74,6 +79,8 @@ pub(crate) struct ImportCheck {
     pub(crate) task: Task<Checked>,
     /// Result of the check, or the reason for its failure.
     pub(crate) outcome: Option<Result<Checked, String>>,
+    /// Task that inverts which side of the masks is kept.
+    pub(crate) flipping: Option<Task<PathBuf>>,
 }
 
 impl ImportCheck {
@@ -81,7 +88,7 @@ impl ImportCheck {
     pub(crate) fn start(backend: Arc<dyn Backend>, path: PathBuf, ctx: &Context) -> Self {
         let at = path.clone();
         let task = Task::start("check", ctx, move |task| backend.check(&at, task));
-        Self { path, task, outcome: None }
+        Self { path, task, outcome: None, flipping: None }
     }
 
     pub(crate) fn poll(&mut self) {

@@ -151,6 +151,7 @@ pub(super) struct FakeBackend {
     /// `true` to end a training by itself.
     pub(super) is_trained: AtomicBool,
     pub(super) is_export_slow: AtomicBool,
+    pub(super) is_flip_slow: AtomicBool,
     /// Hash and number of the frames, once the recording has other ones.
     pub(super) changed: Mutex<Option<(String, usize)>>,
     /// Answer of the system's file dialog; without it, there is none.
@@ -188,6 +189,9 @@ impl Backend for FakeBackend {
         Ok(self.checked.lock().unwrap().clone())
     }
     fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
+        while self.is_flip_slow.load(Ordering::Relaxed) {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         let mut checked = self.checked.lock().unwrap();
         *checked = Checked { report: CheckReport { ok: true, ..CheckReport::default() }, can_flip: true };
         Ok(path.join("sequence.toml"))

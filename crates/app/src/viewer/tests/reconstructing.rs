@@ -104,7 +104,11 @@ fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
     assert!(window.shows("A reconstruction would be wrong") && window.shows("probably inverted"));
     window.click("Reconstruct…");
     assert!(window.harness.state().shared.dialog != Some(Dialog::Reconstruct), "nobody is led into it");
+    window.backend.is_flip_slow.store(true, Ordering::Relaxed);
     window.click("Flip the masks");
+    let is_disabled = window.harness.get_by_label("Flip the masks").accesskit_node().is_disabled();
+    assert!(is_disabled, "it is flipped once, and the window goes on");
+    window.backend.is_flip_slow.store(false, Ordering::Relaxed);
     window.until(|app| app.open.is_some() && app.is_enabled(crate::viewer::command::Command::Reconstruct));
     window.until_shown("This recording can be reconstructed");
     assert!(window.shows("This recording can be reconstructed") && !window.shows("probably inverted"));

@@ -119,6 +119,7 @@ impl Shared {
         if let Some(check) = &mut self.reconstruction.check {
             check.poll();
         }
+        self.poll_flipping(ctx);
         if let Some(open) = &mut self.open {
             // The next letter is shown first.
             let is_release = |event: &Event| matches!(event, Event::Key { pressed: false, .. });
@@ -226,10 +227,21 @@ impl Shared {
         ctx.send_viewport_cmd(egui::ViewportCommand::Title("SurgTPGS".into()));
     }
 
-    /// Inverts which side of the checked recording's masks is kept, and opens the recording again.
+    /// Inverts in the background which side of the checked recording's masks is kept.
     pub(crate) fn flip_masks(&mut self, ctx: &Context) {
-        let Some(path) = self.reconstruction.check.as_ref().map(|check| check.path.clone()) else { return };
-        let flipped = self.backend.flip_masks(&path);
+        let check = self.reconstruction.check.as_mut();
+        let Some(check) = check.filter(|check| check.flipping.is_none()) else { return };
+        let (backend, path) = (self.backend.clone(), check.path.clone());
+        check.flipping = Some(Task::start("flip masks", ctx, move |_| backend.flip_masks(&path)));
+    }
+
+    /// Opens a recording again once its masks are inverted and nothing else is being opened.
+    fn poll_flipping(&mut self, ctx: &Context) {
+        let check = self.reconstruction.check.as_mut().filter(|_| self.opening.underway.is_none());
+        let Some(check) = check else { return };
+        let Some(TaskEvent::Done(flipped)) = check.flipping.as_mut().and_then(Task::poll) else { return };
+        check.flipping = None;
+        let path = check.path.clone();
         if self.settle(flipped).is_some() {
             self.open_path(&path, ctx);
         }
