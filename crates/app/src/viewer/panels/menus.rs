@@ -114,7 +114,7 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.menu_button("Recently opened", |ui| {
             for path in &recent {
                 let button = egui::Button::new(shared.path_name(path)).frame(false);
-                let (place, is_gone) = (path.display().to_string(), !path.exists());
+                let (place, is_gone) = (path.display().to_string(), shared.opening.gone.has(path));
                 let obstacle = is_gone.then(|| format!("{place} is not there any more"));
                 if add_unless(ui, obstacle.as_deref(), button, place).clicked() {
                     actions.push(Action::Open(path.to_path_buf()));

@@ -83,7 +83,7 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.add_space(14.0);
     ui.label(RichText::new("Opened last").strong());
     for path in recent {
-        let (name, exists) = (shared.path_name(path), path.exists());
+        let (name, exists) = (shared.path_name(path), !shared.opening.gone.has(path));
         let folder = path.parent().map(|p| p.display().to_string()).unwrap_or_default();
         let missing = if exists { "" } else { "  (not there any more)" };
         let frame = Frame::new().inner_margin(Margin::symmetric(0, 1));

@@ -20,6 +20,7 @@ pub(crate) mod opening;
 pub(crate) mod phases;
 pub(crate) mod playback;
 pub(crate) mod preferences;
+pub(crate) mod recent;
 pub(crate) mod reconstruction;
 pub(crate) mod saving;
 pub(crate) mod session;

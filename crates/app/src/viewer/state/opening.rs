@@ -1,9 +1,12 @@
 //! Things that are being opened or made.
 
-use crate::viewer::backend::{
-    Demo, FrameSource, TrainRequest,
-    paths::{PathAsk, Picked},
-    task::Task,
+use crate::viewer::{
+    backend::{
+        Demo, FrameSource, TrainRequest,
+        paths::{PathAsk, Picked},
+        task::Task,
+    },
+    state::recent::Gone,
 };
 use std::path::PathBuf;
 use surgtpgs_core::marks::Marks;
@@ -18,6 +21,8 @@ pub(crate) struct Opening {
     pub(crate) picking: Option<(Task<Picked>, PathAsk)>,
     /// Path that the window's own dialog asks for, because the system has none or it is to be typed.
     pub(crate) asked: Option<PathAsk>,
+    /// What was opened before and is not there any more.
+    pub(crate) gone: Gone,
     /// Folder of the built-in demo.
     pub(crate) demo_folder: Option<PathBuf>,
     pub(crate) demo: Option<DemoTask>,

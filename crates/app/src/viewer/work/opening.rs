@@ -13,6 +13,7 @@ use crate::viewer::{
         marking::Marking,
         opening::Underway,
         playback::Playback,
+        recent::Gone,
         reconstruction::ImportCheck,
         saving::{Origin, Saved, SavedKind, ToApply},
         session::Session,
@@ -105,6 +106,7 @@ impl Shared {
         self.poll_picking(now, ctx);
         self.poll_marks(now);
         self.poll_demo(ctx);
+        self.opening.gone.poll(&self.preferences.recent, ctx);
         if let Some(TaskEvent::Done(result)) = self.opening.underway.as_mut().and_then(|u| u.task.poll())
             && let Some(underway) = self.opening.underway.take()
         {
@@ -219,6 +221,8 @@ impl Shared {
         self.put_unsaved_aside(false);
         (self.opening.underway, self.opening.demo) = (None, None);
         (self.opening.train_when_open, self.saving.to_apply) = (None, None);
+        // The start page looks again for what was opened last.
+        self.opening.gone = Gone::default();
         self.playback.pause();
         self.document.start_recording(CleanUp::default());
         self.saving.saved = Saved::default();
