@@ -6,7 +6,7 @@ use crate::viewer::{
         paths::{PathAsk, Picked},
         task::Task,
     },
-    state::recent::Gone,
+    state::{recent::Gone, session::Session},
 };
 use std::path::PathBuf;
 use surgtpgs_core::marks::Marks;
@@ -37,7 +37,14 @@ pub(crate) struct Opening {
 pub(crate) struct Underway {
     pub(crate) name: String,
     pub(crate) path: PathBuf,
-    pub(crate) task: Task<Box<dyn FrameSource>>,
+    pub(crate) task: Task<Opened>,
+}
+
+/// What was opened.
+pub(crate) struct Opened {
+    pub(crate) source: Box<dyn FrameSource>,
+    /// The session that was saved last beside it, and its file.
+    pub(crate) saved: Option<(PathBuf, Session)>,
 }
 
 impl Opening {

@@ -176,10 +176,12 @@ impl Session {
         Ok(session)
     }
 
-    /// Returns the newest session file in a folder that is about a scene or recording and its frames, and the
-    /// session.
-    pub(crate) fn newest_in(folder: &Path, info: &Info) -> Option<(PathBuf, Self)> {
-        let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    /// Returns the newest session file in the folder for files made of a scene or recording that is about it and
+    /// its frames, and the session. Many files may be read for it.
+    pub(crate) fn newest_beside(info: &Info) -> Option<(PathBuf, Self)> {
+        info.frames()?;
+        let entries = std::fs::read_dir(&info.output_folder).into_iter().flatten().flatten();
+        let files = entries.map(|entry| entry.path());
         let mut files: Vec<PathBuf> = files.filter(|path| Self::is_file(path)).collect();
         let saved = |file: &PathBuf| std::fs::metadata(file).and_then(|about| about.modified()).ok();
         files.sort_by_cached_key(|file| std::cmp::Reverse(saved(file)));

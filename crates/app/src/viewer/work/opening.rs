@@ -11,7 +11,7 @@ use crate::viewer::{
     state::{
         content::Look,
         marking::Marking,
-        opening::Underway,
+        opening::{Opened, Underway},
         playback::Playback,
         recent::Gone,
         reconstruction::ImportCheck,
@@ -22,7 +22,7 @@ use crate::viewer::{
     },
 };
 use egui::{Context, Event};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{files::absolute_path, mask::CleanUp};
 
 impl Shared {
@@ -42,7 +42,11 @@ impl Shared {
             return;
         }
         let (backend, at) = (self.backend.clone(), path.to_owned());
-        let task = Task::start("open", ctx, move |_| backend.open(&at));
+        let task = Task::start("open", ctx, move |_| {
+            let source = backend.open(&at)?;
+            let saved = Session::newest_beside(source.info());
+            Ok(Opened { source, saved })
+        });
         let name =
             path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into());
         self.opening.underway = Some(Underway { name, path: path.to_owned(), task });
@@ -111,9 +115,9 @@ impl Shared {
             && let Some(underway) = self.opening.underway.take()
         {
             match self.settle(result) {
-                Some(source) => {
+                Some(Opened { source, saved }) => {
                     self.show_source(source, ctx);
-                    self.begin_with(&underway.path, ctx);
+                    self.begin_with(&underway.path, saved, ctx);
                 }
                 None => self.drop_session(),
             }
@@ -191,8 +195,9 @@ impl Shared {
         if stays { mode } else { ViewMode::usual(info) }
     }
 
-    /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
-    fn begin_with(&mut self, path: &Path, ctx: &Context) {
+    /// Completes opening `path` once it is shown: applies its session, or the one that was `saved` last beside
+    /// it, and starts its training or its check.
+    fn begin_with(&mut self, path: &Path, saved: Option<(PathBuf, Session)>, ctx: &Context) {
         self.preferences.remember(match &self.saving.to_apply {
             Some(ToApply { origin: Origin::File(file), .. }) => file,
             _ => path,
@@ -204,7 +209,7 @@ impl Shared {
         if is_back {
             self.say("Your work on this recording is back", None, now);
         } else if !is_asked {
-            self.bring_saved(now);
+            self.bring_saved(|info| saved.filter(|(_, session)| session.is_about(info)), now);
         }
         let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
         if let Some(request) = request.filter(|r| !self.reconstruction.is_planned(&r.recording)) {

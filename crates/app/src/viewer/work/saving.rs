@@ -108,12 +108,11 @@ impl Shared {
         brings
     }
 
-    /// Applies the session that was saved last beside what is open, and says so: if nothing is decided yet,
-    /// and no later work is offered.
-    pub(crate) fn bring_saved(&mut self, now: f64) {
+    /// Applies the session that was saved last beside what is open, which `find` returns, and says so: if
+    /// nothing is decided yet, and no later work is offered.
+    pub(crate) fn bring_saved(&mut self, find: impl FnOnce(&Info) -> Option<(PathBuf, Session)>, now: f64) {
         let is_free = self.is_untouched() && !self.is_later_work_offered();
-        let Some(info) = self.info().filter(|info| is_free && info.frames_sha256.is_some()) else { return };
-        let Some((file, session)) = Session::newest_in(&info.output_folder, info) else { return };
+        let Some((file, session)) = self.info().filter(|_| is_free).and_then(find) else { return };
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.saving.to_apply = Some(ToApply { session, origin: Origin::File(file) });
         self.apply_session(now);
@@ -131,13 +130,13 @@ impl Shared {
     /// Forgets unsaved work for good. If it was about what is open, what was saved comes back.
     pub(crate) fn discard(&mut self, id: LeftId, now: f64) {
         self.saving.autosave.discard(id);
-        self.bring_saved(now);
+        self.bring_saved(Session::newest_beside, now);
     }
 
     /// Offers unsaved work again at the next start. If it was about what is open, what was saved comes back.
     pub(crate) fn restore_later(&mut self, id: LeftId, now: f64) {
         self.saving.for_later.push(id);
-        self.bring_saved(now);
+        self.bring_saved(Session::newest_beside, now);
     }
 
     /// Returns the session file that unsaved work belongs to, and its content; `None` if it is not there any
