@@ -41,7 +41,7 @@ pub(super) fn reconstructing(shared: &Shared) -> Obstacle {
     shared.is_reconstructing().then_some("It is being reconstructed: wait, or stop that first")
 }
 
-/// What is shown is in no file: it is being reconstructed, or a preview is left of that.
+/// No file holds the scene that is shown: it is being reconstructed, or a preview is left of that.
 pub(super) fn not_in_a_file(shared: &Shared) -> Obstacle {
     let is_preview = shared.open.as_ref().is_some_and(Open::is_preview);
     let preview = is_preview.then_some("This is a preview: open the finished reconstruction");

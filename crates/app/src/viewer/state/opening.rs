@@ -21,7 +21,7 @@ pub(crate) struct Opening {
     pub(crate) picking: Option<(Task<Picked>, PathAsk)>,
     /// Path that the window's own dialog asks for, because the system has none or it is to be typed.
     pub(crate) asked: Option<PathAsk>,
-    /// What was opened before and is not there any more.
+    /// Paths that were opened before and are not there any more.
     pub(crate) gone: Gone,
     /// Folder of the built-in demo.
     pub(crate) demo_folder: Option<PathBuf>,
@@ -40,7 +40,7 @@ pub(crate) struct Underway {
     pub(crate) task: Task<Opened>,
 }
 
-/// What was opened.
+/// A scene or recording that was opened.
 pub(crate) struct Opened {
     pub(crate) source: Box<dyn FrameSource>,
     /// The session that was saved last beside it, and its file.

@@ -1,11 +1,11 @@
-//! What is known of the paths that were opened last.
+//! Paths that were opened last, as far as they are not there any more.
 
 use crate::viewer::backend::task::{Task, TaskEvent};
 use egui::Context;
 use std::path::{Path, PathBuf};
 
-/// Those of the paths that were opened last which are not there any more. They are looked for on a thread of
-/// their own: a disk of another computer that does not answer would hold up the window.
+/// Paths that were opened last and are not there any more. They are looked for on a thread of their own: a
+/// disk of another computer that does not answer would hold up the window.
 #[derive(Default)]
 pub(crate) struct Gone {
     /// The paths that were looked for last.
