@@ -90,6 +90,12 @@ impl Measure for BenchMarksArgs {
         let all_parts = CarrySettings::default();
         add(bench.by_rule("full masks, borders 5 px off", Rule::Sloppy, &[middle], all_parts)?);
         add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], all_parts)?);
+        add(bench.by_rule(
+            "one broad, unsteady stroke per class",
+            Rule::BroadStroke,
+            &[middle],
+            all_parts,
+        )?);
         add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], all_parts)?);
         for (name, rule) in [("full masks", Rule::Mask), ("one stroke per class", Rule::Stroke)] {
             let way = format!("{name}, every other class on another frame");

@@ -10,6 +10,10 @@ use surgtpgs_core::{
 pub(super) const LEAST_PX: usize = 200;
 /// Radius of clicks and strokes, px.
 const RADIUS_PX: f32 = 3.0;
+/// Columns of a picture for each pixel of the radius of a broad brush, and of an unsteady hand's way from the
+/// line that it wants.
+const BROAD_COLUMNS: f32 = 100.0;
+const UNSTEADY_COLUMNS: f32 = 160.0;
 /// Points of a stroke at most.
 const STROKE_POINTS: usize = 12;
 
@@ -22,6 +26,8 @@ pub(super) enum Rule {
     Sloppy,
     /// A stroke along its longest axis, through the deepest points.
     Stroke,
+    /// The same, drawn with a broad brush and an unsteady hand: it leaves narrow structures.
+    BroadStroke,
     /// Three clicks, each at the deepest point that is left.
     Clicks,
 }
@@ -35,6 +41,7 @@ pub(super) fn marks(rule: Rule, frame: usize, name: &str, class: &Mask) -> Vec<M
         Rule::Mask => vec![Shape::from(class)],
         Rule::Sloppy => vec![Shape::from(&sloppy(class))],
         Rule::Stroke => vec![stroke(class)],
+        Rule::BroadStroke => vec![broad(stroke(class), class.width as f32)],
         Rule::Clicks => clicks(class),
     };
     shapes.into_iter().map(|shape| Mark::new(frame, name, true, shape)).collect()
@@ -119,6 +126,18 @@ pub(super) fn stroke(class: &Mask) -> Shape {
     let points = deepest.into_iter().flatten().filter(is_deep);
     let points_px = points.map(|i| [(i % width) as f32 + 0.5, (i / width) as f32 + 0.5]).collect();
     Shape::Stroke { points_px, radius_px: RADIUS_PX }
+}
+
+/// Draws a stroke with a broad brush and an unsteady hand.
+fn broad(stroke: Shape, width: f32) -> Shape {
+    let Shape::Stroke { points_px, .. } = stroke else { return stroke };
+    let amplitude = width / UNSTEADY_COLUMNS;
+    let unsteady = |(i, [x, y]): (usize, [f32; 2])| {
+        let angle = 2.4 * i as f32;
+        [x + amplitude * angle.cos(), y + amplitude * angle.sin()]
+    };
+    let points_px = points_px.into_iter().enumerate().map(unsteady).collect();
+    Shape::Stroke { points_px, radius_px: width / BROAD_COLUMNS }
 }
 
 /// Moves the border in and out by up to 5 px, in waves.
