@@ -79,6 +79,17 @@ impl Asking {
         }
     }
 
+    /// Takes over an open text encoder, if it is the one that the scene was prepared with.
+    pub(super) fn with_encoder(self, scene: &Scene, encoder: Option<TextEncoder>) -> Self {
+        let encoder = encoder.filter(|open| open.identity().sha256 == encoder_sha256(scene));
+        Self { encoder, ..self }
+    }
+
+    /// Gives the text encoder away, if it is open.
+    pub(super) fn give_encoder(&mut self) -> Option<TextEncoder> {
+        self.encoder.take()
+    }
+
     /// Returns the names of the scene's classes by other words for them.
     pub(super) fn class_names<'a>(
         scene: &'a Scene,

@@ -27,6 +27,7 @@ mod opening;
 mod outside;
 mod pending;
 mod question;
+mod tools;
 
 pub(crate) use answer::absence;
 pub use answer::{Answer, Verdict};
@@ -37,6 +38,7 @@ pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
 pub(crate) use pending::{Next, Pending};
 pub use question::{Negatives, Question, Sample};
+pub(crate) use tools::Tools;
 
 use crate::memory::{Work, require_for};
 use asking::Asking;
@@ -204,28 +206,35 @@ impl Engine {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
         };
-        Self::with(scene, recording, options)
+        Self::with(scene, recording, options, None)
     }
 
-    /// Wraps a scene whose recording is open already.
+    /// Wraps a scene whose recording is open already. `tools` are those of an earlier engine.
     pub(crate) fn of_recording(
         scene: Arc<Scene>,
         sequence: Sequence,
         options: EngineOptions,
+        tools: Option<Tools>,
     ) -> Result<Self> {
-        Self::with(scene, Recording::Found(sequence), options)
+        Self::with(scene, Recording::Found(sequence), options, tools)
     }
 
-    fn with(scene: Arc<Scene>, recording: Recording, options: EngineOptions) -> Result<Self> {
+    fn with(
+        scene: Arc<Scene>,
+        recording: Recording,
+        options: EngineOptions,
+        tools: Option<Tools>,
+    ) -> Result<Self> {
         if let Some(camera) = scene.cameras.first() {
             require_for(&Work::Pictures(camera.width, camera.height))?;
         }
-        let machine = Machine::open(options.backend)?;
+        let working = tools.filter(Tools::work).map_or_else(|| Tools::open(options.backend), Ok);
+        let Tools { machine, encoder } = working?;
         let settings = settings_of(&scene);
         let chosen_encoder = options.encoder.folder().map(Path::to_owned);
         Ok(Self {
             relevancy: open_relevancy(&scene),
-            asking: Asking::new(&scene, options.encoder, &settings),
+            asking: Asking::new(&scene, options.encoder, &settings).with_encoder(&scene, encoder),
             scene,
             recording,
             machine,

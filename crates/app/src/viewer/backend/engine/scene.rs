@@ -1,13 +1,17 @@
 //! A scene as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::engine::{self, Answer, Ask, Engine, Motion, Pending, Question, Sample};
+use crate::engine::{self, Answer, Ask, Engine, Motion, Pending, Question, Sample, Tools};
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Info, Lens, Parts, Rendering, orbit::Orbit},
+    backend::{FrameSource, FrameView, Info, Lens, Parts, Rendering, orbit::Orbit, task::lock},
     text::thousands,
 };
 use image::RgbImage;
-use std::{ops::Range, path::PathBuf, sync::Arc};
+use std::{
+    ops::Range,
+    path::PathBuf,
+    sync::{Arc, Mutex},
+};
 use surgtpgs_core::{
     Error, Result,
     files::full_path,
@@ -28,9 +32,28 @@ pub(super) struct SceneSource {
     pivot: Option<(Orbit, f32)>,
     /// Depth of the endoscope's own view, for the view that was turned last.
     home_depth: Option<(FrameView, Arc<Grid<f32>>)>,
+    /// Place for the engine's tools at its end.
+    spare: Option<SpareTools>,
+}
+
+/// Tools of a source that is no longer shown, for a later one.
+pub(super) type SpareTools = Arc<Mutex<Option<Tools>>>;
+
+impl Drop for SceneSource {
+    fn drop(&mut self) {
+        if let Some(spare) = &self.spare {
+            *lock(spare) = Some(self.engine.give_tools());
+        }
+    }
 }
 
 impl SceneSource {
+    /// Leaves the engine's tools in a place at its end.
+    pub(super) fn leaving_tools(mut self, spare: &SpareTools) -> Self {
+        self.spare = Some(Arc::clone(spare));
+        self
+    }
+
     pub(super) fn new(engine: Engine, path: PathBuf, recording: Option<PathBuf>) -> Self {
         let scene = engine.scene();
         let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
@@ -84,7 +107,7 @@ impl SceneSource {
             renderer: engine.renderer_name(),
             notes,
         };
-        Self { engine, info, pivot: None, home_depth: None }
+        Self { engine, info, pivot: None, home_depth: None, spare: None }
     }
 
     fn engine_view(&mut self, view: &FrameView) -> Result<engine::SceneView> {

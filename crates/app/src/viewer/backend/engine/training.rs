@@ -1,11 +1,14 @@
 //! Training for the window: with previews, and saved with patience.
 
-use super::{features, scene::SceneSource};
+use super::{
+    features,
+    scene::{SceneSource, SpareTools},
+};
 use crate::viewer::backend::{
     Models, PREPARING, SCENE, TrainNews, TrainRequest, Words,
     earlier::STOPPED,
     paths::free_path,
-    task::{NOT_SAVED, TaskContext},
+    task::{NOT_SAVED, TaskContext, lock},
 };
 use crate::{
     engine::{self, EncoderChoice, Engine, EngineOptions},
@@ -54,13 +57,15 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     let settings = TrainSettings { excluded: request.excluded.clone(), ..Default::default() };
     let settings = settings.with_quality(request.quality);
     let mut last_shown = Instant::now();
+    let spare = SpareTools::default();
     let mut show = |watched: &mut Watched<'_>, report: &StepReport| {
         task.note(TrainNews::Step(report.step, report.terms));
         let is_due = |every| report.step > FIRST_PREVIEW && last_shown.elapsed() >= every;
         if report.step == FIRST_PREVIEW || task.preview_every().is_some_and(is_due) {
             last_shown = Instant::now();
-            let made =
-                watched.scene().and_then(|scene| preview(scene, material.sequence(), &request.recording));
+            let made = watched
+                .scene()
+                .and_then(|scene| preview(scene, material.sequence(), &request.recording, &spare));
             if let Ok(source) = made {
                 task.update(TrainNews::Preview(Box::new(source)));
             }
@@ -155,10 +160,12 @@ pub(super) fn text_encoder(models: &Models) -> EncoderChoice {
     if is_chosen { EncoderChoice::Folder(models.texts.clone()) } else { EncoderChoice::Builtin }
 }
 
-/// Makes a source that shows a scene during its training on the sequence of the recording at `path`.
-fn preview(scene: Scene, sequence: &Sequence, path: &Path) -> Result<SceneSource> {
-    let engine = Engine::of_recording(Arc::new(scene), sequence.clone(), EngineOptions::default())?;
-    Ok(SceneSource::new(engine, path.to_owned(), Some(path.to_owned())))
+/// Makes a source that shows a scene during its training on the sequence of the recording at `path`, with the
+/// tools of the source before the last one: that one is still shown.
+fn preview(scene: Scene, sequence: &Sequence, path: &Path, spare: &SpareTools) -> Result<SceneSource> {
+    let (options, tools) = (EngineOptions::default(), lock(spare).take());
+    let engine = Engine::of_recording(Arc::new(scene), sequence.clone(), options, tools)?;
+    Ok(SceneSource::new(engine, path.to_owned(), Some(path.to_owned())).leaving_tools(spare))
 }
 
 /// Time between two attempts to save the trained scene.
