@@ -11,17 +11,14 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// Number of steps in which a pixel is divided where flow is kept: flow is less exact than that.
-const STEPS_PER_PX: f32 = 32.0;
-
 /// Flow to a marked frame from the frames around it.
 pub(super) struct FlowToMarked {
     marked: usize,
     /// Luminance of the marked frame, and of the first and the last frame that have a flow.
     luma: Grid<f32>,
     ends: [Grid<f32>; 2],
-    /// Flow from each frame, in steps. There is one for each frame on the way, so they are kept in few bytes.
-    flows: BTreeMap<usize, Grid<[i16; 2]>>,
+    /// Flow from each frame.
+    flows: BTreeMap<usize, Grid<Vector>>,
     /// `true` to compare each frame with the marked one itself.
     corrects_drift: bool,
 }
@@ -29,7 +26,7 @@ pub(super) struct FlowToMarked {
 impl FlowToMarked {
     /// Starts at a marked frame of this luminance.
     pub(super) fn new(marked: usize, luma: Grid<f32>, corrects_drift: bool) -> Self {
-        let zero = Grid::filled(luma.width, luma.height, [0; 2]);
+        let zero = Grid::filled(luma.width, luma.height, [0.0; 2]);
         let ends = [luma.clone(), luma.clone()];
         Self { marked, luma, ends, flows: BTreeMap::from([(marked, zero)]), corrects_drift }
     }
@@ -50,20 +47,15 @@ impl FlowToMarked {
             let (next, end) = if frame > last { (last + 1, 1) } else { (last - 1, 0) };
             if !self.flows.contains_key(&next) {
                 let here = luma(next)?;
-                let mut flow = joined(&patch_flow(&here, &self.ends[end]), &in_px(&self.flows[&last]));
+                let mut flow = joined(&patch_flow(&here, &self.ends[end]), &self.flows[&last]);
                 if self.corrects_drift {
                     flow = mended(&here, &self.luma, &flow);
                 }
-                self.flows.insert(next, flow.map(|v| v.map(|px| (px * STEPS_PER_PX).round() as i16)));
+                self.flows.insert(next, flow);
                 self.ends[end] = here;
             }
             last = next;
         }
-        Ok(in_px(&self.flows[&frame]))
+        Ok(self.flows[&frame].clone())
     }
-}
-
-/// Returns flow that is kept in steps.
-fn in_px(steps: &Grid<[i16; 2]>) -> Grid<Vector> {
-    steps.map(|v| v.map(|steps| f32::from(steps) / STEPS_PER_PX))
 }
