@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
     codec::{CodecKind, CodecSettings},
-    prepare::{Prepared, write_langsplat},
+    prepare::{BACKGROUND, Prepared, write_langsplat},
     segment::Level,
     sequence::Sequence,
 };
@@ -225,6 +225,9 @@ fn tell_result(prepared: &Prepared, output: &Path) {
     }
     let what = match prepared.classes.len() {
         0 => format!("{} regions", prepared.num_rows()),
+        classes if prepared.classes.iter().any(|(class, _)| class.name == BACKGROUND) => {
+            format!("{} classes and the background", classes - 1)
+        }
         classes => format!("{classes} classes"),
     };
     say(&format!(

@@ -5,6 +5,7 @@ use surgtpgs_core::{
     grid::{Grid, Mask},
     mask::exclusive,
     metrics::{ClassOnFrame, Confusion, MaskScores},
+    prepare::is_background,
     sequence::{Class, LabelMap, NO_LABEL, Sequence},
 };
 
@@ -141,20 +142,12 @@ impl Classes {
     }
 }
 
-/// Returns `true` for a background class. The paper asks for none of them, neither the black border nor
-/// "background tissue" (method §9.4).
-fn is_background(name: &str) -> bool {
-    name.split([' ', '-', '_']).any(|word| word == "background")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn backgrounds_are_not_asked_for() {
-        assert!(is_background("black background") && is_background("background-tissue"));
-        assert!(!is_background("abdominal wall"));
         let class = |name: &str| Class { id: 3, name: name.into(), colour: [0; 3] };
         assert!(Classes::new(&[class("black background")]).is_empty());
         assert!(!Classes::new(&[class("black background"), class("liver")]).is_empty());

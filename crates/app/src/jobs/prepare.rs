@@ -17,8 +17,8 @@ use surgtpgs_core::{
     marks::Marks,
     meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
-        DEPTH_ESTIMATES, EncoderIdentity, Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames,
-        MaskStore, Origin, Prepared, estimate_depth, holds_langsplat, prepare_from_features,
+        BACKGROUND, DEPTH_ESTIMATES, EncoderIdentity, Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS,
+        MarkedNames, MaskStore, Origin, Prepared, estimate_depth, holds_langsplat, prepare_from_features,
         prepare_from_labels, prepare_from_marks, read_langsplat, require_few_frames, require_labels,
         require_marks,
     },
@@ -233,12 +233,14 @@ impl<'a> Features<'a> {
         Ok(match &options.source {
             FeatureSource::Labels => {
                 require_labels(sequence, options.eval, observer)?;
-                Self::Labels { embeddings: embedded(text, sequence.classes().iter().map(|c| &*c.name))? }
+                let names = sequence.classes().iter().map(|class| &*class.name);
+                Self::Labels { embeddings: embedded(text, names.chain([BACKGROUND]))? }
             }
             FeatureSource::Marks(path) => {
                 let marks = read_marks(path, sequence)?;
                 require_marks(sequence, &marks, options.eval, observer)?;
-                let embeddings = embedded(text, marks.names().iter().map(String::as_str))?;
+                let names = marks.names();
+                let embeddings = embedded(text, names.iter().map(String::as_str).chain([BACKGROUND]))?;
                 Self::Marks { marks, embeddings }
             }
             FeatureSource::Masks { model, image_encoder, settings, level } => {

@@ -3,6 +3,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
+    background::{BACKGROUND, background_class},
     files::{AGAIN, Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
 };
@@ -31,7 +32,7 @@ pub struct MarkedNames<'a> {
     pub marks: &'a Marks,
     /// The text encoder that made the embeddings.
     pub encoder: EncoderIdentity,
-    /// One row for each of the marks' names, in their order.
+    /// One row for each of the marks' names, in their order. There may be one more, of [`super::BACKGROUND`].
     pub embeddings: &'a [Vec<f32>],
 }
 
@@ -70,6 +71,12 @@ pub fn prepare_from_marks(
     };
     manifest.classes = present.iter().enumerate().map(class).collect();
     manifest.row_pixels = present.iter().map(|k| pixels[*k]).collect();
+    let adds_background = embeddings.len() > names.len() && !names.iter().any(|name| name == BACKGROUND);
+    if adds_background {
+        // Where it lies is known once the marks are carried: it weighs as much as all names together.
+        manifest.row_pixels.push(manifest.row_pixels.iter().sum());
+        manifest.classes.push(background_class());
+    }
     let row_of = |k: u16| present.iter().position(|p| *p == usize::from(k)).map_or(NO_REGION, |r| r as u16);
     for (done, &frame) in frames.iter().enumerate() {
         let map = region_map(&sequence, marks, frame, &names)?.map(|k| row_of(*k));
@@ -82,10 +89,11 @@ pub fn prepare_from_marks(
     write_whole(&folder.join(MARKS), seen.as_bytes())?;
     manifest.sha256.insert(MARKS.to_owned(), sha256(seen.as_bytes()));
     let mut rows = Vec::new();
-    for k in present {
+    for k in present.into_iter().chain(adds_background.then_some(names.len())) {
         let row = embeddings.get(k).and_then(|row| num::normalised(row));
         let row = row.filter(|row| row.len() == manifest.encoder.dim).ok_or_else(|| {
-            let what = format!("the embedding of \"{}\" is no unit vector", names[k]);
+            let name = names.get(k).map_or(BACKGROUND, String::as_str);
+            let what = format!("the embedding of \"{name}\" is no unit vector");
             Error::input(what, "Check the text encoder.")
         })?;
         rows.extend(row);

@@ -18,6 +18,7 @@
 //! they depend on has changed. With `eval`, held-out frames leave no trace: no region file, no row, no share
 //! in the codec.
 
+mod background;
 mod dense;
 mod depth;
 #[cfg(test)]
@@ -36,6 +37,7 @@ mod origin;
 #[cfg(test)]
 mod tests;
 
+pub use background::{BACKGROUND, is_background};
 pub use depth::{DEPTH_ESTIMATES, Estimator, estimate_depth};
 pub use labels::{prepare_from_labels, require_labels};
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};

@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     codec::{CodecKind, CodecSettings},
+    demo::{self, DemoSettings},
     marks::{Mark, Marks, Shape},
     progress::{Progress, unobserved},
     sequence::HiddenRectangle,
@@ -402,4 +403,38 @@ fn a_real_clip_is_prepared_in_full() {
     assert!((0.4..1.0).contains(&covered), "{covered}");
     let first = fs::read(place.path().join("prep/regions/frame_000000.png")).unwrap();
     eprintln!("{covered:.2} of frame 0 has features; its map is {} kB", first.len() / 1000);
+}
+
+#[test]
+fn what_labels_leave_open_is_background() {
+    let dir = tempfile::tempdir().unwrap();
+    let [recording, folder] = ["recording", "prepared"].map(|name| dir.path().join(name));
+    let small = DemoSettings { width: 64, height: 48, frames: 3, ..DemoSettings::default() };
+    demo::write(&small, &recording, &mut unobserved).unwrap();
+    for i in 0..3 {
+        // Liver alone keeps its label.
+        let path = recording.join(format!("labels/frame_{i:06}.png"));
+        let mut labels = image::open(&path).unwrap().to_luma8();
+        labels.pixels_mut().filter(|pixel| pixel.0[0] != 1).for_each(|pixel| pixel.0[0] = 255);
+        labels.save(&path).unwrap();
+    }
+    let sequence = Sequence::open(&recording).unwrap();
+    let prepared = |rows: &[Vec<f32>]| {
+        prepare_from_labels(sequence.clone(), encoder(), rows, false, &QUICK, &folder, &mut unobserved)
+            .unwrap()
+    };
+    let names = |prepared: &Prepared| -> Vec<String> {
+        prepared.classes.iter().map(|(class, _)| class.name.clone()).collect()
+    };
+    let mut rows = embeddings(&sequence);
+    let without = prepared(&rows);
+    let liver = without.regions(0).unwrap().unwrap().map(|region| *region == 0);
+    assert_eq!(names(&without), ["liver"]);
+    rows.push((0..DIM).map(|j| if j == 0 { 1.0 } else { 0.0 }).collect());
+    let with = prepared(&rows);
+    assert_eq!(names(&with), ["liver", BACKGROUND]);
+    let map = with.regions(0).unwrap().unwrap();
+    let num_background = map.data.iter().filter(|region| **region == 1).count();
+    assert_eq!(map.map(|region| *region == 0), liver);
+    assert!(num_background > 1000, "{num_background} of {}", 64 * 48);
 }

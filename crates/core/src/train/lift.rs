@@ -8,7 +8,7 @@ use crate::{
     Result,
     deform::deform,
     marks::{Carried, CarrySettings, Graph},
-    prepare::{NO_REGION, Prepared},
+    prepare::{BACKGROUND, NO_REGION, Prepared},
     raster::{
         FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all,
         render_frame,
@@ -85,8 +85,9 @@ impl Trainer {
         let marks = marks.with_outsides(&scene, &window);
         let carried = Carried::new(&scene, graph, &marks, CarrySettings::default());
         let rows = carried.names().iter().map(|name| row_of(&scene, name)).collect();
+        let unnamed = row_of(&scene, BACKGROUND);
         let frames = self.applied.frames(self.sequence.num_frames());
-        Ok(Some(CarriedMarks { scene, carried, rows, frames }))
+        Ok(Some(CarriedMarks { scene, carried, rows, unnamed, frames }))
     }
 }
 
@@ -94,8 +95,9 @@ impl Trainer {
 struct CarriedMarks {
     scene: Scene,
     carried: Carried,
-    /// Row of the feature table for each name.
+    /// Row of the feature table for each name, and for places without one.
     rows: Vec<u16>,
+    unnamed: u16,
     /// The training frames, ascending.
     frames: Vec<usize>,
 }
@@ -112,7 +114,7 @@ impl CarriedMarks {
         let found = self.carried.on_frame(scene, frame, &mut picture)?;
         let row = |pixel: usize| {
             let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);
-            likeliest.map_or(NO_REGION, |k| self.rows[k])
+            likeliest.map_or(self.unnamed, |k| self.rows[k])
         };
         Ok((0..found.doubt.data.len()).map(row).collect())
     }

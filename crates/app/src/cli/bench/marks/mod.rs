@@ -27,6 +27,7 @@ use surgtpgs_core::{
     marks::{Canvas, Carried, CarrySettings, Graph, LookHere, Mark, Marks, Shape},
     mask::threshold,
     metrics::{ClassOnFrame, MaskScores},
+    prepare::is_background,
     scene::Scene,
     sequence::{Class, NO_LABEL, Sequence},
 };
@@ -153,7 +154,7 @@ struct Bench {
 
 impl Bench {
     fn new(scene: Scene, sequence: Sequence) -> Result<Self> {
-        let is_asked = |c: &&Class| !c.name.contains("background");
+        let is_asked = |c: &&Class| !is_background(&c.name);
         let classes: Vec<Class> = sequence.classes().iter().filter(is_asked).cloned().collect();
         if classes.is_empty() {
             let what = "the recording has no label masks to compare with";

@@ -1,6 +1,7 @@
 //! Facts that scenes and recordings tell alike.
 
 use std::path::{Path, PathBuf};
+use surgtpgs_core::prepare::is_background;
 
 /// Returns the folder that holds `path`, or the user's own folder if that cannot be written to.
 pub(super) fn output_folder(path: &Path) -> PathBuf {
@@ -11,5 +12,5 @@ pub(super) fn output_folder(path: &Path) -> PathBuf {
 
 /// Returns class names as example prompts, without those of the background.
 pub(super) fn examples<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
-    names.filter(|n| !n.contains("background")).map(str::to_owned).collect()
+    names.filter(|name| !is_background(name)).map(str::to_owned).collect()
 }
