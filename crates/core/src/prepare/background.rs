@@ -47,12 +47,11 @@ pub(super) fn fill_background(map: &mut RegionMap, keep: &Mask, row: u16) {
         unnamed = unnamed.dilated();
     }
     let wide = unnamed.to_mask();
-    let pixels = map.data.iter_mut().zip(wide.data.iter().zip(&keep.data));
-    pixels.filter(|(_, (wide, keep))| **wide && **keep).for_each(|(region, _)| {
-        if *region == NO_REGION {
+    for ((region, is_wide), is_kept) in map.data.iter_mut().zip(&wide.data).zip(&keep.data) {
+        if *is_wide && *is_kept {
             *region = row;
         }
-    });
+    }
 }
 
 #[cfg(test)]
