@@ -9,21 +9,14 @@ use super::{
     guided::GuidedFilter,
     hints::{GuideShares, Hints},
     looks::{Looks, MAX_NAMES},
-    marked_frame::{MarkedFrame, at_full_size, at_half, flow_target, likeness, weights},
+    marked_frame::{HalfFrame, MarkedFrame, at_full_size, at_half, flow_target, likeness, luma_of, weights},
     mix::{Known, Mix},
     plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
     spread::{Before, PULL, spread},
 };
-use crate::{
-    Result,
-    camera::Camera,
-    flow::{halved, luma},
-    grid::Grid,
-    scene::Scene,
-    sequence::DepthOrigin,
-};
+use crate::{Result, camera::Camera, flow::halved, grid::Grid, scene::Scene};
 use image::RgbImage;
 use rayon::prelude::*;
 use std::{
@@ -35,8 +28,9 @@ use std::{
 const NAMES_AT_ONCE: usize = 16;
 /// Weight of the Gaussians' shares, beside 1 for a marked frame that looks the same.
 const GAUSSIAN_WEIGHT: f32 = 0.01;
-/// Weight of shares that are told by looks, where these are certain.
+/// Weight of shares that are told by looks, where these are certain; and where depth is part of the looks.
 const LOOKS_WEIGHT: f32 = 0.07;
+const LOOKS_WEIGHT_WITH_DEPTH: f32 = 0.2;
 /// Weight of guides where a frame shows all names itself, relative to any other frame.
 const GUIDE_WEIGHT_BESIDE_ALL_NAMES: f32 = 0.2;
 /// Likeness of two frames around a pixel above which a mark is propagated; small, because instruments shine
@@ -88,8 +82,8 @@ pub struct Carried {
 #[derive(Clone, Copy)]
 struct Lookup<'a> {
     frame: usize,
-    /// Luminance of the frame at half size.
-    luma: &'a Grid<f32>,
+    /// The frame at half size.
+    half: &'a HalfFrame,
     /// The marked frames, at most one on each side.
     marked: &'a [usize],
     /// `true` to take their shares with those of their neighbours, `false` to take their own alone.
@@ -225,10 +219,10 @@ impl Carried {
         } else {
             let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.blend_neighbours(scene, *marked, pictures))?;
-            let luma = luma_of(&picture);
-            let lookup = Lookup { frame, luma: &luma, marked: &marked, with_neighbours: true };
+            let half = HalfFrame::of(scene, frame, &picture);
+            let lookup = Lookup { frame, half: &half, marked: &marked, with_neighbours: true };
             let mut mix = self.gaussians_and_flow(scene, lookup, pictures)?;
-            self.tell_by_looks(scene, (frame, &picture), &marked, &mut mix, pictures)?;
+            self.tell_by_looks(scene, &picture, lookup, &mut mix, pictures)?;
             mix.finish().0
         };
         self.cache.evict_far(frame);
@@ -302,13 +296,13 @@ impl Carried {
         mix: &mut Mix,
         pictures: &mut Pictures<'_>,
     ) -> Result<()> {
-        let Lookup { frame, luma, marked, with_neighbours } = lookup;
+        let Lookup { frame, half, marked, with_neighbours } = lookup;
         marked.iter().try_for_each(|marked| self.segment_frame(scene, *marked, pictures))?;
         for &marked_frame in marked {
             let Some(other) = self.cache.get_mut(marked_frame) else { continue };
             let flow = other.flows.flow(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             let near = nearness(frame, marked_frame, marked);
-            let weights = other.lookup_weights(&flow, luma, &scene.field_of_view, |weight| near * weight);
+            let weights = other.lookup_weights(&flow, half, &scene.field_of_view, |weight| near * weight);
             let source = match &other.shares_with_neighbours {
                 Some(blended) if with_neighbours => (blended.as_slice(), &Known::all(blended.len())),
                 _ => (other.own_shares.as_slice(), &other.known()),
@@ -322,24 +316,26 @@ impl Carried {
     fn tell_by_looks(
         &mut self,
         scene: &Scene,
-        (frame, picture): (usize, &RgbImage),
-        marked: &[usize],
+        picture: &RgbImage,
+        lookup: Lookup<'_>,
         mix: &mut Mix,
         pictures: &mut Pictures<'_>,
     ) -> Result<()> {
         if self.names.len() > MAX_NAMES {
             return Ok(());
         }
-        let cells = CellFeatures::of(picture);
+        let Lookup { frame, half, marked, .. } = lookup;
+        let cells = CellFeatures::of(picture, half.log_depths.as_deref());
+        let weight = if half.log_depths.is_some() { LOOKS_WEIGHT_WITH_DEPTH } else { LOOKS_WEIGHT };
         for &marked_frame in marked {
             let Some(other) = self.cache.get_mut(marked_frame) else { continue };
             if other.looks.is_none() {
-                let picture = pictures(marked_frame)?;
-                other.looks = Some(Looks::of(&picture, &scene.field_of_view, &other.own_shares));
+                let cells = CellFeatures::of(&pictures(marked_frame)?, other.half.log_depths.as_deref());
+                other.looks = Some(Looks::of(&cells, &scene.field_of_view, &other.own_shares));
             }
             let Some(told) = other.looks.as_ref().map(|looks| looks.tell(&cells)) else { continue };
             let known = Known { names: other.known_names.clone(), others: told.sums() };
-            let weight = LOOKS_WEIGHT * nearness(frame, marked_frame, marked);
+            let weight = weight * nearness(frame, marked_frame, marked);
             mix.add(&told.shares, |name, i| weight * told.certainty[i] * known.of(name, i));
         }
         Ok(())
@@ -350,17 +346,17 @@ impl Carried {
     fn guide_shares(
         &mut self,
         scene: &Scene,
-        (frame, picture, luma): (usize, &RgbImage, &Grid<f32>),
+        (frame, picture, half): (usize, &RgbImage, &HalfFrame),
         pictures: &mut Pictures<'_>,
     ) -> Result<Option<GuideShares>> {
         let guides = self.plan.guides(frame).to_vec();
         if guides.is_empty() || !self.settings.uses_flow {
             return Ok(None);
         }
-        let mut mix = Mix::nothing(self.names.len(), luma.data.len());
-        let lookup = Lookup { frame, luma, marked: &guides, with_neighbours: false };
+        let mut mix = Mix::nothing(self.names.len(), half.luma.data.len());
+        let lookup = Lookup { frame, half, marked: &guides, with_neighbours: false };
         self.look_up(scene, lookup, &mut mix, pictures)?;
-        self.tell_by_looks(scene, (frame, picture), &guides, &mut mix, pictures)?;
+        self.tell_by_looks(scene, picture, lookup, &mut mix, pictures)?;
         let (shares, mut weights) = mix.finish();
         if self.plan.shows_all(frame) {
             weights.iter_mut().flatten().for_each(|weight| *weight *= GUIDE_WEIGHT_BESIDE_ALL_NAMES);
@@ -393,14 +389,14 @@ impl Carried {
         if sources.is_empty() {
             return Ok(propagated);
         }
-        let here = CellFeatures::of(picture);
+        let here = CellFeatures::of(picture, None);
         let width = picture.width() as usize;
         for (source, names) in sources {
             let (evidence, picture) = (&self.growing[&source], pictures(source)?);
             let flows = self.cache.flow_to(frame, luma, settings.corrects_drift);
             let flow = flows.flow(source, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             let weights = likeness(&luma_of(&picture), luma, &flow, &scene.field_of_view);
-            let there = CellFeatures::of(&picture);
+            let there = CellFeatures::of(&picture, None);
             // Number of marked pixels of each name, and the pixels here that look the same.
             let mut found: BTreeMap<usize, (usize, Vec<usize>)> = BTreeMap::new();
             let shown = evidence.shown().filter(|(_, name)| names.contains(name));
@@ -434,9 +430,9 @@ impl Carried {
         }
         let mut shares = here.own_shares.clone();
         if !here.knows_all_names() {
-            let (luma, known) = (here.luma.clone(), here.known());
+            let (half, known) = (here.half.clone(), here.known());
             let growing = beside(frame, &self.growing);
-            let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
+            let lookup = Lookup { frame, half: &half, marked: &growing, with_neighbours: false };
             let mut mix = Mix::of(&shares, |name, i| known.of(name, i));
             self.look_up(scene, lookup, &mut mix, pictures)?;
             shares = mix.finish().0;
@@ -462,36 +458,34 @@ impl Carried {
             return Ok(());
         }
         let picture = pictures(frame)?;
-        let luma = luma_of(&picture);
-        let guides = self.guide_shares(scene, (frame, &picture, &luma), pictures)?;
+        let half = HalfFrame::of(scene, frame, &picture);
+        let guides = self.guide_shares(scene, (frame, &picture, &half), pictures)?;
         let mut propagated_names = self.propagated_to_guides(frame);
-        let propagated = self.propagate(scene, (frame, &picture, &luma), &propagated_names, pictures)?;
+        let propagated = self.propagate(scene, (frame, &picture, &half.luma), &propagated_names, pictures)?;
         propagated_names.extend(propagated.iter().map(|(_, name)| *name));
         let segmented = if let Some(growing) = self.growing.get(&frame) {
-            let is_measured = scene.provenance.depth.is_some_and(DepthOrigin::is_measured);
-            let depth = is_measured.then(|| FrameSplats::at_half(scene, frame).depth());
             let marked = MarkedPicture {
                 picture: &picture,
                 field_of_view: &scene.field_of_view,
-                depth: depth.as_deref(),
+                log_depths: half.log_depths.as_deref(),
             };
             spread_over(&marked, growing, &propagated, self.names.len(), guides)
         } else {
             let growing = beside(frame, &self.growing);
-            let lookup = Lookup { frame, luma: &luma, marked: &growing, with_neighbours: false };
+            let lookup = Lookup { frame, half: &half, marked: &growing, with_neighbours: false };
             self.gaussians_and_flow(scene, lookup, pictures)?.finish().0
         };
         let evidence = &self.evidence[&frame];
         let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
         let mut shares = self.refined(picture, segmented);
         keep_marked(evidence, &mut shares);
-        let half = |plane: &Vec<f32>| halved(&Grid::from_vec(width, height, plane.clone())).data;
-        let own_shares = shares.par_iter().map(half).collect();
-        let weights = weights(evidence, &luma, width);
-        let flows = self.cache.take_flow(frame, &luma, self.settings.corrects_drift);
+        let shrunk = |plane: &Vec<f32>| halved(&Grid::from_vec(width, height, plane.clone())).data;
+        let own_shares = shares.par_iter().map(shrunk).collect();
+        let weights = weights(evidence, &half.luma, width);
+        let flows = self.cache.take_flow(frame, &half.luma, self.settings.corrects_drift);
         let known_names = self.plan.known_names(frame, &propagated_names);
         let marked = MarkedFrame {
-            luma,
+            half,
             flows,
             own_shares,
             full_size_shares: Some(shares),
@@ -560,9 +554,4 @@ fn nearness(frame: usize, marked_frame: usize, all: &[usize]) -> f32 {
 /// Returns `true` if pictures are large enough to be segmented.
 fn is_large_enough(scene: &Scene) -> bool {
     scene.cameras.first().is_some_and(|c| c.width.min(c.height) as usize >= MIN_SIDE_PX)
-}
-
-/// Returns the luminance of a picture at half size, 0–255.
-fn luma_of(picture: &RgbImage) -> Grid<f32> {
-    halved(&luma(picture))
 }

@@ -150,10 +150,10 @@ impl CellGrid {
         (0..r.len()).map(|i| opponents([r[i], g[i], b[i]].map(f32::sqrt))).collect()
     }
 
-    /// Returns the mean logarithms of depth of the cells, less their mean over the picture; NaN where it is
-    /// not known.
-    pub(super) fn log_depths(&self, depth: &[f32]) -> Vec<f32> {
-        let mut logarithms = self.means_of_half(|i| depth[i].ln());
+    /// Returns the mean logarithms of depth of the cells, from those of the pixels at half size, less their mean
+    /// over the picture; NaN where it is not known.
+    pub(super) fn log_depths(&self, pixels: &[f32]) -> Vec<f32> {
+        let mut logarithms = self.means_of_half(|i| pixels[i]);
         let known = logarithms.iter().filter(|v| v.is_finite());
         let (sum, count) = known.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
         let mean = sum / count.max(1) as f32;

@@ -34,8 +34,9 @@ const AREA_POWER: f32 = 0.2;
 pub(super) struct MarkedPicture<'a> {
     pub(super) picture: &'a RgbImage,
     pub(super) field_of_view: &'a Mask,
-    /// Depth at half size, rounded down, in any unit; NaN where there is none. `None` if none was measured.
-    pub(super) depth: Option<&'a [f32]>,
+    /// Logarithm of depth at half size, rounded down, in any unit; NaN where there is none. `None` if none was
+    /// measured.
+    pub(super) log_depths: Option<&'a [f32]>,
 }
 
 /// The cells of a picture, with the features of their appearance.
@@ -51,10 +52,12 @@ impl CellFeatures {
         CellGrid::of_picture(camera.width as usize, camera.height as usize).side
     }
 
-    /// Divides a picture into cells, and computes their features.
-    pub(super) fn of(picture: &RgbImage) -> Self {
+    /// Divides a picture into cells, and computes their features, of depth, too, if logarithms of measured depth at
+    /// half size are given.
+    pub(super) fn of(picture: &RgbImage, log_depths: Option<&[f32]>) -> Self {
         let grid = CellGrid::of_picture(picture.width() as usize, picture.height() as usize);
-        let appearance = grid.appearance(&grid.colours(picture), None);
+        let log_depths = log_depths.map(|pixels| grid.log_depths(pixels));
+        let appearance = grid.appearance(&grid.colours(picture), log_depths.as_deref());
         Self { grid, appearance }
     }
 
@@ -107,7 +110,7 @@ pub(super) fn spread_over(
     let grid = CellGrid::of_picture(width, height);
     let seeds = grid.marked_seeds(evidence, propagated, num_names);
     let colours = grid.colours(frame.picture);
-    let log_depths = frame.depth.map(|depth| grid.log_depths(depth));
+    let log_depths = frame.log_depths.map(|pixels| grid.log_depths(pixels));
     let links = grid.links(&colours, log_depths.as_deref(), frame.field_of_view);
     let guides = guides.map(|guides| grid.guide_shares(&guides));
     let shares = if grid.is_mostly_marked(evidence) {
@@ -148,7 +151,7 @@ impl Example {
         evidence: &Evidence,
         num_names: usize,
     ) -> Self {
-        let cells = CellFeatures::of(picture);
+        let cells = CellFeatures::of(picture, None);
         let CellFeatures { grid, appearance } = &cells;
         let seeds = grid.marked_seeds(evidence, &[], num_names);
         let links = grid.links(&grid.colours(picture), None, field_of_view);
@@ -297,7 +300,7 @@ mod tests {
         let marks = Marks::unchecked(vec![stroke("fat", 120.0), stroke("liver", 15.0)]);
         let evidence = Evidence::of(&marks, 0, &marks.names(), SIZE);
         let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
-        let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: None };
+        let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, log_depths: None };
         let shares = spread_over(&frame, &evidence, &[], 2, None);
         [1, 0].map(|name| shares[name][22 * 120 + 22])
     }
@@ -341,7 +344,7 @@ mod tests {
             let marks = Marks::unchecked(marks);
             let evidence = Evidence::of(&marks, 0, &marks.shown_names(), SIZE);
             let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
-            let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: None };
+            let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, log_depths: None };
             let shares = spread_over(&frame, &evidence, &[], 2, None);
             assert_eq!(shares.len(), 2);
             shares[1][40 * 120 + 60]
@@ -368,11 +371,11 @@ mod tests {
         let marks = Marks::unchecked(vec![stroke("tool", 20.0), stroke("tissue", 200.0)]);
         let evidence = Evidence::of(&marks, 0, &marks.names(), SIZE);
         let field_of_view = Mask::filled(SIZE[0], SIZE[1], true);
-        let depth = depth_of_tool.map(|depth| -> Vec<f32> {
-            (0..120 * 80).map(|i| if i % 120 < 30 { depth } else { 8.0 }).collect()
+        let log_depths = depth_of_tool.map(|depth| -> Vec<f32> {
+            (0..120 * 80).map(|i| if i % 120 < 30 { depth.ln() } else { 8.0_f32.ln() }).collect()
         });
-        let frame =
-            MarkedPicture { picture: &picture, field_of_view: &field_of_view, depth: depth.as_deref() };
+        let log_depths = log_depths.as_deref();
+        let frame = MarkedPicture { picture: &picture, field_of_view: &field_of_view, log_depths };
         let shares = spread_over(&frame, &evidence, &[], 2, None);
         // Names are sorted.
         [1, 0].map(|name| shares[name][40 * 120 + 45])

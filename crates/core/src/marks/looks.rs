@@ -8,7 +8,6 @@ use super::{
     hints::SCORE_POWER,
 };
 use crate::grid::Mask;
-use image::RgbImage;
 
 /// Largest number of names that are told by looks: the time grows with its square.
 pub(super) const MAX_NAMES: usize = 64;
@@ -32,9 +31,8 @@ impl Told {
 }
 
 impl Looks {
-    /// Takes a picture with the shares of its pixels at half size, [names][pixels].
-    pub(super) fn of(picture: &RgbImage, field_of_view: &Mask, shares: &[Vec<f32>]) -> Self {
-        let cells = CellFeatures::of(picture);
+    /// Takes the cells of a picture with the shares of its pixels at half size, [names][pixels].
+    pub(super) fn of(cells: &CellFeatures, field_of_view: &Mask, shares: &[Vec<f32>]) -> Self {
         let shares: Vec<Vec<f32>> = shares.iter().map(|plane| cells.means_of_half(plane)).collect();
         let inside = cells.inside(field_of_view);
         let of = |is_so: &dyn Fn(usize) -> bool| -> Vec<usize> {
@@ -77,7 +75,7 @@ fn lead(scores: impl Iterator<Item = f32>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::Rgb;
+    use image::{Rgb, RgbImage};
 
     const SIZE: [u32; 2] = [240, 160];
     const TOOL: [u8; 3] = [120, 125, 135];
@@ -104,8 +102,8 @@ mod tests {
             if x < 220 { *picture(40).get_pixel(x, y) } else { Rgb(TISSUE) }
         });
         let field_of_view = Mask::filled(SIZE[0] as usize, SIZE[1] as usize, true);
-        let looks = Looks::of(&first, &field_of_view, &shares);
-        let told = looks.tell(&CellFeatures::of(&picture(100)));
+        let looks = Looks::of(&CellFeatures::of(&first, None), &field_of_view, &shares);
+        let told = looks.tell(&CellFeatures::of(&picture(100), None));
         let at = |x: usize| [told.shares[0][40 * 120 + x], told.certainty[40 * 120 + x]];
         let [[was, sure], [is, as_sure], [_, unsure]] = [30, 70, 115].map(at);
         assert!(was < 0.1 && sure > 0.7, "{was} {sure}");

@@ -1,27 +1,68 @@
 //! Marked frames with a share for every pixel, and lookup of these shares from other frames.
 
 use super::{
-    Evidence, flow_to_marked::FlowToMarked, looks::Looks, means::window_means, mix::Known, seeds::Seeds,
+    Evidence, flow_to_marked::FlowToMarked, frame_splats::FrameSplats, looks::Looks, means::window_means,
+    mix::Known, seeds::Seeds,
 };
 use crate::{
-    flow::{Vector, around},
+    flow::{Vector, around, halved, luma},
     grid::{Grid, Mask},
+    num::finite_percentile,
     scene::Scene,
+    sequence::DepthOrigin,
 };
+use image::RgbImage;
 use rayon::prelude::*;
 use std::{collections::BTreeSet, ops::Range};
 
 /// Difference of luminance between a pixel and the one it is looked up from at which the likeness is one
 /// half, 8-bit levels.
 const HALF_LIKENESS: f32 = 8.0;
+/// Difference of the logarithm of depth from that of the pixel it is looked up from, beyond the usual one of
+/// the picture, at which the likeness is one half.
+const HALF_DEPTH_LIKENESS: f32 = 0.05;
+/// Every how many pixels the usual difference of depth is taken from.
+const DEPTH_STEP: usize = 7;
 /// Half the side of the windows in which pictures are compared, px of half size.
 const COMPARED_PX: usize = 2;
 /// Weight of pixels of a marked frame without a mark.
 const UNMARKED_WEIGHT: f32 = 0.3;
 
-/// A marked frame at half size, with a share for every pixel.
-pub(super) struct MarkedFrame {
+/// A frame at half size, as it is compared with others.
+#[derive(Clone)]
+pub(super) struct HalfFrame {
     pub(super) luma: Grid<f32>,
+    /// Logarithm of depth, NaN where there is none; `None` if none was measured.
+    pub(super) log_depths: Option<Vec<f32>>,
+}
+
+impl HalfFrame {
+    /// Takes a frame of a scene, with its picture.
+    pub(super) fn of(scene: &Scene, frame: usize, picture: &RgbImage) -> Self {
+        let is_measured = scene.provenance.depth.is_some_and(DepthOrigin::is_measured);
+        let depth = is_measured.then(|| FrameSplats::at_half(scene, frame).depth());
+        let logarithms = |depth: Vec<f32>| depth.into_iter().map(f32::ln).collect();
+        Self { luma: luma_of(picture), log_depths: depth.map(logarithms) }
+    }
+
+    /// Returns the likeness of the depth of each pixel and of the one in `other` that its flow leads to, 0–1; 1
+    /// where it is not known. What lies farther all over the picture is as deep: the scope has moved.
+    fn depth_likeness(&self, other: &Self, flow: &Grid<Vector>) -> Option<Vec<f32>> {
+        let (here, there) = (self.log_depths.as_ref()?, other.log_depths.as_ref()?);
+        let farther = |i: usize| flow_target(flow, i).map_or(f32::NAN, |at| here[i] - there[at]);
+        let farther: Vec<f32> = (0..here.len()).into_par_iter().with_min_len(4096).map(farther).collect();
+        let usual = finite_percentile(farther.iter().copied().step_by(DEPTH_STEP), 50.0)?;
+        let likeness = |farther: f32| match (farther - usual) / HALF_DEPTH_LIKENESS {
+            apart if apart.is_nan() => 1.0,
+            apart => 1.0 / (1.0 + apart * apart),
+        };
+        Some(farther.into_iter().map(likeness).collect())
+    }
+}
+
+/// A marked frame, with a share for every pixel at half size.
+pub(super) struct MarkedFrame {
+    pub(super) half: HalfFrame,
     /// Flow from the frames around to this one.
     pub(super) flows: FlowToMarked,
     /// Shares segmented from its own marks and its guides, [names][pixels].
@@ -52,11 +93,14 @@ impl MarkedFrame {
     pub(super) fn lookup_weights(
         &self,
         flow: &Grid<Vector>,
-        luma: &Grid<f32>,
+        other: &HalfFrame,
         field_of_view: &Mask,
         of: impl Fn(f32) -> f32 + Sync,
     ) -> Grid<f32> {
-        let mut weights = likeness(luma, &self.luma, flow, field_of_view);
+        let mut weights = likeness(&other.luma, &self.half.luma, flow, field_of_view);
+        if let Some(depth) = other.depth_likeness(&self.half, flow) {
+            weights.data.iter_mut().zip(depth).for_each(|(weight, depth)| *weight *= depth);
+        }
         weights.data.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
             *weight *= flow_target(flow, i).map_or(0.0, |at| of(self.weights[at]));
         });
@@ -83,7 +127,7 @@ impl MarkedFrame {
     /// Adds the shares of this frame to the seeds of the Gaussians. Pixels outside the field of view do not
     /// count.
     pub(super) fn seed(&self, seeds: &mut Seeds, scene: &Scene, frame: usize) {
-        let (width, height) = (self.luma.width, self.luma.height);
+        let (width, height) = (self.half.luma.width, self.half.luma.height);
         let field_of_view = scene.field_of_view.sampled(width, height);
         let weight = |(w, inside): (&f32, &bool)| if *inside { *w } else { 0.0 };
         let weights: Vec<f32> = self.weights.iter().zip(&field_of_view.data).map(weight).collect();
@@ -107,7 +151,7 @@ impl MarkedFrame {
         field_of_view: &Mask,
     ) {
         let marked = |weight: f32| if weight > UNMARKED_WEIGHT { weight } else { 0.0 };
-        let mut weights = other.lookup_weights(flow, &self.luma, field_of_view, marked);
+        let mut weights = other.lookup_weights(flow, &self.half, field_of_view, marked);
         weights.data.iter_mut().zip(&self.weights).for_each(|(w, own)| {
             *w = if *own > UNMARKED_WEIGHT { 0.0 } else { *w / (UNMARKED_WEIGHT + *w) };
         });
@@ -116,6 +160,11 @@ impl MarkedFrame {
             add_looked_up(plane, other, flow, &weights);
         });
     }
+}
+
+/// Returns the luminance of a picture at half size, 0–255.
+pub(super) fn luma_of(picture: &RgbImage) -> Grid<f32> {
+    halved(&luma(picture))
 }
 
 /// Returns the weights of the pixels of a marked frame at half size, which is the size of `luma`.
@@ -177,5 +226,23 @@ pub(super) fn add_looked_up(plane: &mut [f32], marked: &[f32], flow: &Grid<Vecto
         let (offsets, parts) = around(width, flow.height, target);
         let looked_up: f32 = offsets.iter().zip(parts).map(|(offset, part)| part * marked[*offset]).sum();
         *value += weights.data[i] * looked_up;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_lies_at_another_depth_is_looked_up_less() {
+        let half = |log_depths: Option<Vec<f32>>| HalfFrame { luma: Grid::filled(20, 10, 90.0), log_depths };
+        let still = Grid::filled(20, 10, [0.0; 2]);
+        let there = half(Some(vec![2.0; 200]));
+        // The scope came nearer. A tool lies before the first columns, and of the last one nothing is known.
+        let depth = |i: usize| [1.2, 1.7, f32::NAN][usize::from(i % 20 > 3) + usize::from(i % 20 == 19)];
+        let here = half(Some((0..200).map(depth).collect()));
+        let likeness = here.depth_likeness(&there, &still).unwrap();
+        assert!(likeness[2] < 0.02 && likeness[10] > 0.99 && likeness[19] == 1.0, "{:?}", &likeness[..20]);
+        assert!(half(None).depth_likeness(&there, &still).is_none(), "nothing was measured");
     }
 }

@@ -150,7 +150,7 @@ impl Examples {
         }
         let step = (frames.len() / MIN_FRAMES).clamp(1, MAX_FRAME_STEP);
         for frame in frames.clone().step_by(step) {
-            let cells = CellFeatures::of(&pictures(frame)?);
+            let cells = CellFeatures::of(&pictures(frame)?, None);
             let mut matches: BTreeMap<usize, Option<Vec<Match>>> = BTreeMap::new();
             for target in &mut targets {
                 let compare = || target.example.match_picture(&cells, &scene.field_of_view);
