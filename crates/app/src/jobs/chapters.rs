@@ -137,17 +137,34 @@ fn read_chapter(path: &Path) -> Result<Result<Scene>> {
     }
 }
 
-/// Returns `true` if a scene file holds a chapter that was trained to the end with these settings, and depth,
-/// masks and features as they are now; `None` if it is damaged.
+/// Returns `true` if a scene file holds a chapter that was trained to the end on this material with these
+/// settings; `None` if it is damaged.
 ///
 /// # Errors
-/// A file that is no such scene.
+/// A file that is no such scene, or a recording that cannot be read.
 pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<Option<bool>> {
     let Ok(part) = read_chapter(path)? else { return Ok(None) };
+    let is_done = part.provenance.steps >= wanted.iterations;
+    Ok(Some(is_done && is_trained_on(&part, material, wanted, None)?))
+}
+
+/// Returns `true` if a chapter was trained on this material, as it is now, with these settings; any chapter
+/// will do if none is named. How many steps were taken does not count.
+///
+/// # Errors
+/// A recording that cannot be read.
+fn is_trained_on(
+    part: &Scene,
+    material: &Material,
+    wanted: &TrainSettings,
+    chapter: Option<&Chapter>,
+) -> Result<bool> {
     let wanted = settings_for(material, wanted);
-    let agrees = settings(&part).is_some_and(|settings| settings.agrees_with(&wanted))
-        && is_supervised_by(&part, material);
-    Ok(Some(agrees && part.provenance.steps >= wanted.iterations))
+    Ok(settings(part).is_some_and(|settings| settings.agrees_with(&wanted))
+        && chapter.is_none_or(|chapter| part.chapters.current() == Some(chapter))
+        && part.codec.as_ref() == material.prepared().map(|prepared| &prepared.codec)
+        && is_supervised_by(part, material)
+        && part.provenance.identity.as_ref() == Some(&material.sequence().identity()?))
 }
 
 /// Steps of a training that was stopped.
@@ -415,12 +432,7 @@ impl Course<'_> {
         if part.provenance.steps < self.settings.iterations {
             return Ok((None, None));
         }
-        let wanted = settings_for(self.material, &self.settings);
-        let is_same = settings(&part).is_some_and(|s| s.agrees_with(&wanted))
-            && part.chapters.current() == Some(chapter)
-            && part.codec.as_ref() == self.material.prepared().map(|prepared| &prepared.codec)
-            && is_supervised_by(&part, self.material)
-            && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
+        let is_same = is_trained_on(&part, self.material, &self.settings, Some(chapter))?;
         if is_same || self.replaces {
             return Ok((is_same.then_some(part), None));
         }

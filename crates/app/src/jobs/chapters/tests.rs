@@ -39,6 +39,11 @@ impl Place {
         }
     }
 
+    /// Returns `true` if a chapter is done, `None` if it is damaged.
+    fn is_finished(&self, path: &Path, course: &Course<'_>) -> Result<Option<bool>> {
+        is_finished_chapter(path, &self.material, &course.settings)
+    }
+
     fn bytes(&self, scene: &Scene) -> Vec<u8> {
         let path = self.folder.path().join("bytes.safetensors");
         scene.save(&path).unwrap();
@@ -158,7 +163,7 @@ fn a_chapter_that_was_done_and_is_damaged_is_trained_again_and_no_other() {
     let course = here.course(&scene, true);
     let bytes = here.bytes(&course.train(&mut unobserved, &mut |_, _| {}).unwrap().scene);
     let first = chapter_path(&scene, 0);
-    let is_finished = |path: &Path| is_finished_chapter(path, &here.material, &course.settings);
+    let is_finished = |path: &Path| here.is_finished(path, &course);
     assert_eq!(is_finished(&first).unwrap(), Some(true));
     let kept = std::fs::read(&first).unwrap();
     std::fs::write(&first, &kept[..kept.len() - 1]).unwrap();
@@ -196,14 +201,30 @@ fn chapters_that_learned_from_other_depth_are_neither_kept_nor_joined() {
     std::fs::write(&toml, text.replace("scale = 0.005", "scale = 0.01")).unwrap();
     here.material = Material::open(&recording).unwrap();
     let mut course = here.course(&scene, true);
-    assert_eq!(is_finished_chapter(&paths[0], &here.material, &course.settings).unwrap(), Some(false));
+    assert_eq!(here.is_finished(&paths[0], &course).unwrap(), Some(false));
     let error = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
     assert!(error.contains("in another way"), "{error}");
     course.replaces = true;
     let all = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
     assert_eq!((all.steps, all.steps_kept), (3 * STEPS, 0));
     assert!(join(&[paths[0].clone(), earlier]).unwrap_err().to_string().contains("another training"));
-    assert_eq!(is_finished_chapter(&paths[0], &here.material, &course.settings).unwrap(), Some(true));
+    assert_eq!(here.is_finished(&paths[0], &course).unwrap(), Some(true));
+}
+
+#[test]
+fn a_chapter_of_another_recording_is_not_called_done() {
+    let here = Place::new();
+    let scene = here.folder.path().join("a.safetensors");
+    let course = here.course(&scene, true);
+    course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+    let first = chapter_path(&scene, 0);
+    assert_eq!(here.is_finished(&first, &course).unwrap(), Some(true));
+    let mut part = Scene::load(&first).unwrap();
+    part.provenance.identity = None;
+    part.save(&first).unwrap();
+    assert_eq!(here.is_finished(&first, &course).unwrap(), Some(false));
+    let error = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
+    assert!(error.contains("in another way"), "{error}");
 }
 
 #[test]
