@@ -139,6 +139,33 @@ impl Error {
     }
 }
 
+/// Earlier work in a file of this program, as far as it can still be used.
+#[derive(Debug)]
+pub enum Kept<T> {
+    /// It can be used.
+    Usable(T),
+    /// It is damaged, or of another version.
+    Damaged(Error),
+}
+
+impl<T> Kept<T> {
+    /// Returns what can be used; the error is of what is damaged.
+    pub fn usable(self) -> Result<T> {
+        match self {
+            Self::Usable(kept) => Ok(kept),
+            Self::Damaged(error) => Err(error),
+        }
+    }
+
+    /// Changes what can be used.
+    pub fn map<U>(self, change: impl FnOnce(T) -> U) -> Kept<U> {
+        match self {
+            Self::Usable(kept) => Kept::Usable(change(kept)),
+            Self::Damaged(error) => Kept::Damaged(error),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -54,4 +54,4 @@ pub mod marks;
 
 pub mod train;
 
-pub use error::{Error, Remedy, Result};
+pub use error::{Error, Kept, Remedy, Result};

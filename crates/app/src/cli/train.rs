@@ -15,7 +15,7 @@ use crate::{
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
-    Error, Result,
+    Error, Kept, Result,
     files::OutputFile,
     prepare::Prepared,
     scene::Scene,
@@ -243,11 +243,13 @@ pub(super) fn is_finished(args: &TrainArgs) -> Result<bool> {
         return Ok(false);
     }
     let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
-    let is_finished = jobs::is_finished_chapter(&args.output, &material, &args.settings())?;
-    if is_finished.is_none() {
-        say(&format!("note: {}: {}", args.output.display(), jobs::DAMAGED));
+    match jobs::is_finished_chapter(&args.output, &material, &args.settings())? {
+        Kept::Usable(is_finished) => Ok(is_finished),
+        Kept::Damaged(_) => {
+            say(&format!("note: {}: {}", args.output.display(), jobs::DAMAGED));
+            Ok(false)
+        }
     }
-    Ok(is_finished.unwrap_or(false))
 }
 
 /// Files of a training.

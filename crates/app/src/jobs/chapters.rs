@@ -12,7 +12,7 @@ use crate::{
 };
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
-    Error, Result,
+    Error, Kept, Result,
     progress::{Observer, Progress},
     scene::{Chapter, Provenance, Scene, Similarity},
     train::{Plan, StepReport, TrainSettings, Trainer, is_checkpoint, psnr_db, seam},
@@ -109,43 +109,50 @@ pub fn settings_of_chapters(scene: &Path, material: &Material) -> Result<Option<
         unfinished_chapters_beside(scene).into_iter().map(|path| settings_of_unfinished(&path, material));
     for settings in finished.chain(unfinished) {
         match settings? {
-            Ok(settings) => return Ok(Some(TrainSettings { chapter: None, ..settings })),
-            Err(error) => damaged = damaged.or(Some(error)),
+            Kept::Usable(settings) => return Ok(Some(TrainSettings { chapter: None, ..settings })),
+            Kept::Damaged(error) => damaged = damaged.or(Some(error)),
         }
     }
     damaged.map_or(Ok(None), Err)
 }
 
-/// Returns the settings of a chapter that is done; the inner error is of one that is damaged.
-fn settings_of_finished(path: &Path) -> Result<Result<TrainSettings>> {
+/// Returns the settings of a chapter that is done.
+fn settings_of_finished(path: &Path) -> Result<Kept<TrainSettings>> {
+    let part = match read_chapter(path)? {
+        Kept::Usable(part) => part,
+        Kept::Damaged(error) => return Ok(Kept::Damaged(error)),
+    };
     let unknown =
         || Error::input_at(path, "the settings of this chapter cannot be read", "Begin the training anew.");
-    Ok(read_chapter(path)?.and_then(|part| settings(&part).ok_or_else(unknown)))
+    Ok(settings(&part).map_or_else(|| Kept::Damaged(unknown()), Kept::Usable))
 }
 
-/// Returns the settings of a chapter that is unfinished; the inner error is of one that is damaged.
-fn settings_of_unfinished(path: &Path, material: &Material) -> Result<Result<TrainSettings>> {
+/// Returns the settings of a chapter that is unfinished.
+fn settings_of_unfinished(path: &Path, material: &Material) -> Result<Kept<TrainSettings>> {
     let trainer = Trainer::resume_if_usable(material.sequence(), material.prepared(), path)?;
     Ok(trainer.map(|trainer| trainer.settings().clone()))
 }
 
-/// Reads a chapter that is done; the inner error is of one that is damaged. Fails on a file of somebody else.
-fn read_chapter(path: &Path) -> Result<Result<Scene>> {
+/// Reads a chapter that is done. Fails on a file of somebody else.
+fn read_chapter(path: &Path) -> Result<Kept<Scene>> {
     match Scene::load_chapter_if_usable(path)? {
-        Err(error) if !Scene::is_own_file(path) => Err(error),
+        Kept::Damaged(error) if !Scene::is_own_file(path) => Err(error),
         read => Ok(read),
     }
 }
 
 /// Returns `true` if a scene file holds a chapter that was trained to the end on this material with these
-/// settings; `None` if it is damaged.
+/// settings.
 ///
 /// # Errors
 /// A file that is no such scene, or a recording that cannot be read.
-pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<Option<bool>> {
-    let Ok(part) = read_chapter(path)? else { return Ok(None) };
+pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<Kept<bool>> {
+    let part = match read_chapter(path)? {
+        Kept::Usable(part) => part,
+        Kept::Damaged(error) => return Ok(Kept::Damaged(error)),
+    };
     let is_done = part.provenance.steps >= wanted.iterations;
-    Ok(Some(is_done && is_trained_on(&part, material, wanted, None)?))
+    Ok(Kept::Usable(is_done && is_trained_on(&part, material, wanted, None)?))
 }
 
 /// Returns `true` if a chapter was trained on this material, as it is now, with these settings; any chapter
@@ -317,12 +324,15 @@ impl Course<'_> {
         let (mut trained_before, mut kept) = (0, 0);
         while !left.is_empty() {
             let chapter = left.remove(self.next(&left));
-            let (part, damaged) = self.kept(chapter)?;
-            if let Some(part) = part {
-                kept += 1;
-                whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
-                continue;
-            }
+            let damaged = match self.kept(chapter)? {
+                Some(Kept::Usable(part)) => {
+                    kept += 1;
+                    whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
+                    continue;
+                }
+                Some(Kept::Damaged(_)) => Some(DAMAGED),
+                None => None,
+            };
             let checkpoint = self.checkpoint(chapter);
             let inputs = self.material.inputs(self.material.sequence().path());
             let claim = |path: &PathBuf| outputs::checkpoint_file(path, &inputs);
@@ -401,14 +411,14 @@ impl Course<'_> {
         let mut note = None;
         if let Some(path) = self.checkpoint(chapter).filter(|path| path.exists()) {
             match Trainer::resume_if_usable(sequence, prepared, &path)? {
-                Ok(trainer)
+                Kept::Usable(trainer)
                     if trainer.settings().chapter.as_ref() == Some(chapter)
                         && trainer.settings().agrees_with(&settings_for(self.material, &self.settings)) =>
                 {
                     return Ok((trainer, None));
                 }
-                Ok(_) => {}
-                Err(_) => note = Some(DAMAGED),
+                Kept::Usable(_) => {}
+                Kept::Damaged(_) => note = Some(DAMAGED),
             }
         }
         let settings = self.settings.clone();
@@ -416,25 +426,26 @@ impl Course<'_> {
         Ok((trainer, note))
     }
 
-    /// Reads a chapter that is done; `None` if it is to be trained, with a note if what was kept of it is of no
-    /// use.
-    fn kept(&self, chapter: &Chapter) -> Result<(Option<Scene>, Option<&'static str>)> {
+    /// Reads a chapter that is done; `None` if it is to be trained.
+    fn kept(&self, chapter: &Chapter) -> Result<Option<Kept<Scene>>> {
         let path = chapter_path(self.scene, chapter.index);
         if !path.exists() {
-            return Ok((None, None));
+            return Ok(None);
         }
         let part = match read_chapter(&path) {
-            Ok(Ok(part)) => part,
-            Ok(Err(_)) => return Ok((None, Some(DAMAGED))),
-            Err(_) if self.replaces => return Ok((None, None)),
+            Ok(Kept::Usable(part)) => part,
+            Ok(damaged) => return Ok(Some(damaged)),
+            Err(_) if self.replaces => return Ok(None),
             Err(error) => return Err(error),
         };
         if part.provenance.steps < self.settings.iterations {
-            return Ok((None, None));
+            return Ok(None);
         }
-        let is_same = is_trained_on(&part, self.material, &self.settings, Some(chapter))?;
-        if is_same || self.replaces {
-            return Ok((is_same.then_some(part), None));
+        if is_trained_on(&part, self.material, &self.settings, Some(chapter))? {
+            return Ok(Some(Kept::Usable(part)));
+        }
+        if self.replaces {
+            return Ok(None);
         }
         let what = "this chapter was trained on another recording, or in another way";
         Err(Error::input_at(&path, what, "Remove it, or give the scene another name."))

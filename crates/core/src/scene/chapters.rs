@@ -1,7 +1,7 @@
 //! Chapters of a long scene. Only one is in memory; the others are read when their time comes.
 
 use super::{Problem, Revised, Scene, Similarity, file};
-use crate::{Error, Result, deform::Deformation, gaussian::Gaussians, reading::open_regular};
+use crate::{Error, Kept, Result, deform::Deformation, gaussian::Gaussians, reading::open_regular};
 use std::{
     fs::File,
     io::{Read, Seek, SeekFrom, Write},
@@ -401,12 +401,11 @@ impl Scene {
     /// # Errors
     /// The file is no scene of a chapter.
     pub fn load_chapter(path: &Path) -> Result<Self> {
-        Self::load_chapter_if_usable(path)?
+        Self::load_chapter_if_usable(path)?.usable()
     }
 
-    /// Does the same as [`Scene::load_chapter`]; the inner error is of a file that is damaged, or of another
-    /// version.
-    pub fn load_chapter_if_usable(path: &Path) -> Result<Result<Self>> {
+    /// Does the same as [`Scene::load_chapter`]; a file that is damaged, or of another version, is no failure.
+    pub fn load_chapter_if_usable(path: &Path) -> Result<Kept<Self>> {
         let fail = |e| Error::io("read the scene file", path, e);
         let file = open_regular(path).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
@@ -417,7 +416,7 @@ impl Scene {
                 let what = "this scene is joined of chapters already";
                 return Err(Error::input_at(path, what, "Give the scenes of single chapters."));
             }
-            Err(damaged @ Error::Input { .. }) => return Ok(Err(damaged)),
+            Err(damaged @ Error::Input { .. }) => return Ok(Kept::Damaged(damaged)),
             Err(error) => return Err(error),
         };
         match scene.chapters.all.first_mut() {
@@ -427,7 +426,7 @@ impl Scene {
                 return Err(Error::input_at(path, what, "Give scenes that were trained with --chapter."));
             }
         }
-        Ok(Ok(scene))
+        Ok(Kept::Usable(scene))
     }
 
     /// Writes the scene file, in the compact form of [`Scene::to_quantized_bytes`] if asked for. One chapter at a
@@ -544,7 +543,7 @@ mod tests {
         assert!(Scene::load_chapter(&paths[0]).unwrap_err().to_string().contains("not one of a chapter"));
         let bytes = std::fs::read(&paths[1]).unwrap();
         std::fs::write(&paths[1], &bytes[..bytes.len() - 1]).unwrap();
-        assert!(Scene::load_chapter_if_usable(&paths[1]).unwrap().is_err(), "damaged");
+        assert!(Scene::load_chapter_if_usable(&paths[1]).unwrap().usable().is_err(), "damaged");
         assert!(Scene::load_chapter_if_usable(&folder.path().join("none")).is_err(), "it cannot be read");
     }
 

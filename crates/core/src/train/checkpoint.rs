@@ -3,7 +3,7 @@
 
 use super::{settings::TrainSettings, state::TrainState};
 use crate::{
-    Error, Result,
+    Error, Kept, Result,
     files::write_whole_with,
     hash::sha256,
     prepare::Prepared,
@@ -103,7 +103,7 @@ impl Write for Summed<'_> {
 
 const AGAIN: &str = "Train again from the beginning.";
 
-/// Reads a checkpoint; the inner error is of one that is damaged, or of another version.
+/// Reads a checkpoint; one that is damaged, or of another version, is no failure.
 ///
 /// # Errors
 /// It cannot be read, or belongs to the training of other material.
@@ -112,12 +112,12 @@ pub(super) fn read(
     sequence: &Sequence,
     prepared: Option<&Prepared>,
     identity: &Identity,
-) -> Result<Result<(TrainSettings, TrainState)>> {
+) -> Result<Kept<(TrainSettings, TrainState)>> {
     let bytes =
         read_regular(path, ANY_SIZE).map_err(|e| Error::io("read the unfinished training", path, e))?;
     let (begun_on, checkpoint) = match parse(&bytes, path) {
         Ok(parsed) => parsed,
-        Err(unusable) => return Ok(Err(unusable)),
+        Err(unusable) => return Ok(Kept::Damaged(unusable)),
     };
     identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
     if checkpoint.source != TrainedOn::new(sequence, supervision_digest(sequence, prepared)) {
@@ -127,7 +127,7 @@ pub(super) fn read(
             AGAIN,
         ));
     }
-    Ok(Ok((checkpoint.settings, checkpoint.state)))
+    Ok(Kept::Usable((checkpoint.settings, checkpoint.state)))
 }
 
 fn parse(bytes: &[u8], path: &Path) -> Result<(Identity, Checkpoint<TrainSettings, TrainState>)> {

@@ -47,7 +47,7 @@ pub use settings::{
 };
 
 use crate::{
-    Result,
+    Kept, Result,
     clock::PassClock,
     deform::deform,
     files, metrics, num,
@@ -140,15 +140,15 @@ impl Trainer {
     /// Resumes from a file that [`Trainer::save_checkpoint`] wrote, with its settings. The result has the
     /// same bytes as without the interruption.
     pub fn resume(sequence: &Sequence, prepared: Option<&Prepared>, path: &Path) -> Result<Self> {
-        Self::resume_if_usable(sequence, prepared, path)?
+        Self::resume_if_usable(sequence, prepared, path)?.usable()
     }
 
-    /// Does the same as [`Trainer::resume`]; the inner error is of a file that is damaged, or of another version.
+    /// Does the same as [`Trainer::resume`]; a file that is damaged, or of another version, is no failure.
     pub fn resume_if_usable(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         path: &Path,
-    ) -> Result<Result<Self>> {
+    ) -> Result<Kept<Self>> {
         let identity = identity(sequence, prepared)?;
         let read = checkpoint::read(path, sequence, prepared, &identity)?;
         Ok(read.map(|(settings, state)| Self::with_state(sequence, prepared, settings, state, identity)))

@@ -41,7 +41,7 @@ impl Place {
 
     /// Returns `true` if a chapter is done, `None` if it is damaged.
     fn is_finished(&self, path: &Path, course: &Course<'_>) -> Result<Option<bool>> {
-        is_finished_chapter(path, &self.material, &course.settings)
+        is_finished_chapter(path, &self.material, &course.settings).map(|kept| kept.usable().ok())
     }
 
     fn bytes(&self, scene: &Scene) -> Vec<u8> {
