@@ -10,7 +10,10 @@ use crate::{
     memory::{Work, require_for},
     outputs,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+};
 use surgtpgs_core::{
     Error, Kept, Result,
     progress::{Observer, Progress},
@@ -317,16 +320,14 @@ impl Course<'_> {
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
         let chapters = plan.chapters.clone();
-        let count = chapters.len();
         let mut whole: Option<Trained> = None;
         let mut left: Vec<&Chapter> = chapters.iter().collect();
-        // Chapters that are there already take no time, and are no progress.
-        let (mut trained_before, mut kept) = (0, 0);
+        let mut tally = Tally { chapters: chapters.len(), kept: 0, trained: 0 };
         while !left.is_empty() {
             let chapter = left.remove(self.next(&left));
             let damaged = match self.kept(chapter)? {
                 Some(Kept::Usable(part)) => {
-                    kept += 1;
+                    tally.kept += 1;
                     whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                     continue;
                 }
@@ -345,34 +346,18 @@ impl Course<'_> {
             };
             backend::choose(&mut trainer, self.backend)?;
             let notes = trainer.scope().note().into_iter().chain(damaged.or(unusable).map(str::to_owned));
-            let notes = notes.map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
+            let notes = notes.map(|note| format!("Chapter {}: {note}", tally.place(chapter)));
+            let notes: Vec<String> = notes.collect();
             let steps = trainer.settings().iterations;
-            let mut observer = |p: &Progress<'_>| {
-                let detail = format!("chapter {} of {count}, {}", chapter.index + 1, p.detail);
-                observer(&Progress {
-                    stage: p.stage,
-                    done: trained_before * steps + p.done,
-                    total: (count - kept) * steps,
-                    detail: &detail,
-                })
-            };
+            let mut tell = |p: &Progress<'_>| tally.tell(chapter, steps, p, observer);
             let done = whole.as_ref().map(|whole| &whole.scene);
-            let mut watch = |watched: &mut Watched<'_>, report: &StepReport| {
+            let mut show = |watched: &mut Watched<'_>, report: &StepReport| {
                 watch(&mut Watched { trainer: watched.trainer, done }, report)
             };
-            let mut trained = go_on(&mut trainer, checkpoint.as_deref(), &mut observer, &mut watch)?;
+            let mut trained = self.train_one(trainer, chapter, &mut tell, &mut show)?;
             let is_stopped = trained.steps < steps;
-            trained_before += 1;
             trained.notes.extend(notes);
-            trained.scene = if is_stopped {
-                trained.scene.as_chapter()
-            } else {
-                let path = self.keep(trained.scene, chapter)?;
-                checkpoint.as_deref().map_or(Ok(()), remove_file)?;
-                // Before the chapter is read again there is room for it.
-                drop(trainer);
-                Scene::load_chapter(&path)?
-            };
+            tally.trained += 1;
             whole = Some(Trained::with_chapter(whole, trained));
             if is_stopped {
                 break;
@@ -386,6 +371,29 @@ impl Course<'_> {
             whole.scene = join(&paths)?;
         }
         Ok(Trained { psnr_db: psnr_db(&whole.scene, self.material.sequence())?, ..whole })
+    }
+
+    /// Trains a chapter until all its steps are done or the observer asks to stop. One that is done is written
+    /// beside the scene file.
+    fn train_one(
+        &self,
+        mut trainer: Trainer,
+        chapter: &Chapter,
+        observer: &mut Observer<'_>,
+        watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
+    ) -> Result<Trained> {
+        let checkpoint = self.checkpoint(chapter);
+        let mut trained = go_on(&mut trainer, checkpoint.as_deref(), observer, watch)?;
+        trained.scene = if trained.steps < trainer.settings().iterations {
+            trained.scene.as_chapter()
+        } else {
+            let path = self.keep(trained.scene, chapter)?;
+            checkpoint.as_deref().map_or(Ok(()), remove_file)?;
+            // Before the chapter is read again there is room for it.
+            drop(trainer);
+            Scene::load_chapter(&path)?
+        };
+        Ok(trained)
     }
 
     /// Returns the place of the chapter to train next.
@@ -458,6 +466,40 @@ impl Course<'_> {
         // An unfinished one may lie there.
         outputs::scene_file(&path, &inputs, true)?.write_with(|file| part.write(file, false))?;
         Ok(path)
+    }
+}
+
+/// Number of chapters of a training, and of those that are done.
+struct Tally {
+    /// Number of chapters.
+    chapters: usize,
+    /// Number of those that were there already. They take no time, and are no progress.
+    kept: usize,
+    /// Number of those that were trained.
+    trained: usize,
+}
+
+impl Tally {
+    /// Says which of the chapters one is.
+    fn place(&self, chapter: &Chapter) -> String {
+        format!("{} of {}", chapter.index + 1, self.chapters)
+    }
+
+    /// Tells `observer` of the progress of a chapter of so many steps, as a part of the whole.
+    fn tell(
+        &self,
+        chapter: &Chapter,
+        steps: usize,
+        progress: &Progress<'_>,
+        observer: &mut Observer<'_>,
+    ) -> ControlFlow<()> {
+        let detail = format!("chapter {}, {}", self.place(chapter), progress.detail);
+        observer(&Progress {
+            stage: progress.stage,
+            done: self.trained * steps + progress.done,
+            total: (self.chapters - self.kept) * steps,
+            detail: &detail,
+        })
     }
 }
 
