@@ -38,10 +38,10 @@ pub(super) struct ExportArgs {
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: PathBuf,
     /// Files to write
-    #[arg(long, visible_alias = "formats", value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
+    #[arg(long, visible_alias = "formats", value_parser = named(Format::ALL, Format::name, Some(Format::about)), value_delimiter = ',', default_value = "cutout,overlay")]
     format: Vec<Format>,
     /// Kind of DICOM segmentation
-    #[arg(long, value_parser = seg_type_parser(), default_value = SegType::default().label().0)]
+    #[arg(long, value_parser = named(SegType::ALL, SegType::name, Some(SegType::about)), default_value = SegType::default().name())]
     seg_type: SegType,
     /// Frames to work on
     #[command(flatten)]
@@ -59,7 +59,7 @@ pub(super) struct ExportArgs {
     #[arg(long)]
     overlapping: bool,
     /// Style of overlays, videos and sheets
-    #[arg(long, value_parser = style_parser(), default_value = OverlayStyle::Outline.name())]
+    #[arg(long, value_parser = named(OverlayStyle::ALL, OverlayStyle::name, Some(OverlayStyle::about)), default_value = OverlayStyle::Outline.name())]
     style: OverlayStyle,
     /// Opacity of fills in overlays
     #[arg(long, default_value_t = OverlayLook::default().opacity, value_parser = unit_number)]
@@ -68,7 +68,7 @@ pub(super) struct ExportArgs {
     #[arg(long, default_value_t = OverlayLook::default().heat_opacity, value_parser = unit_number)]
     heat_opacity: f32,
     /// Colours of heatmaps
-    #[arg(long, value_parser = palette_parser(), default_value = Palette::default().name())]
+    #[arg(long, value_parser = named(Palette::ALL, Palette::name, None), default_value = Palette::default().name())]
     palette: Palette,
     /// Opacity of outlines
     #[arg(long, default_value_t = 1.0, value_parser = unit_number)]
@@ -128,11 +128,22 @@ struct CleanUpArgs {
     grow: Option<i32>,
 }
 
-/// Reads the name of a format; the names and their explanations are the formats' own.
-fn format_parser() -> impl TypedValueParser<Value = Format> {
-    let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
-    PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
-        Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
+/// Reads one of `all` by its name; names and explanations are its own.
+fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+    about: Option<fn(T) -> &'static str>,
+) -> impl TypedValueParser<Value = T> {
+    let value = |one: T| {
+        let value = PossibleValue::new(name(one));
+        match about {
+            Some(about) => value.help(about(one)),
+            None => value,
+        }
+    };
+    PossibleValuesParser::new(all.map(value)).try_map(move |given| {
+        let found = all.into_iter().find(|one| name(*one) == given);
+        found.ok_or_else(|| format!("there is no {given}"))
     })
 }
 
@@ -151,34 +162,6 @@ impl CleanUpArgs {
             grow_px: grow.unwrap_or(0),
         }
     }
-}
-
-/// Reads the name of a kind of DICOM segmentation.
-fn seg_type_parser() -> impl TypedValueParser<Value = SegType> {
-    let value = |kind: SegType| PossibleValue::new(kind.label().0).help(kind.label().1);
-    PossibleValuesParser::new(SegType::ALL.map(value)).try_map(|name| {
-        let kind = SegType::ALL.into_iter().find(|kind| kind.label().0 == name);
-        kind.ok_or_else(|| format!("there is no kind {name}"))
-    })
-}
-
-/// Reads the name of a palette.
-fn palette_parser() -> impl TypedValueParser<Value = Palette> {
-    PossibleValuesParser::new(Palette::ALL.map(Palette::name)).try_map(|name| {
-        let palette = Palette::ALL.into_iter().find(|p| p.name() == name);
-        palette.ok_or_else(|| format!("there is no palette {name}"))
-    })
-}
-
-/// Reads the name of a style; the names and their explanations are the styles' own.
-fn style_parser() -> impl TypedValueParser<Value = OverlayStyle> {
-    let value = |style: OverlayStyle| PossibleValue::new(style.name()).help(style.about());
-    PossibleValuesParser::new(OverlayStyle::ALL.map(value)).try_map(|name| {
-        OverlayStyle::ALL
-            .into_iter()
-            .find(|s| s.name() == name)
-            .ok_or_else(|| format!("there is no style {name}"))
-    })
 }
 
 /// Pictures that an export masks.

@@ -36,12 +36,21 @@ impl SegType {
     /// All kinds.
     pub const ALL: [Self; 3] = [Self::Binary, Self::Fractional, Self::Labelmap];
 
-    /// Returns its name on the command line and in the window, and an explanation.
-    pub fn label(self) -> (&'static str, &'static str) {
+    /// Returns its name on the command line and in the window.
+    pub fn name(self) -> &'static str {
         match self {
-            Self::Binary => ("binary", "Masks, one per prompt; every viewer of segmentations reads them"),
-            Self::Fractional => ("fractional", "Scores, as probabilities"),
-            Self::Labelmap => ("labelmap", "One number per pixel; small, but only new viewers read it"),
+            Self::Binary => "binary",
+            Self::Fractional => "fractional",
+            Self::Labelmap => "labelmap",
+        }
+    }
+
+    /// Returns an explanation.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Binary => "Masks, one per prompt; every viewer of segmentations reads them",
+            Self::Fractional => "Scores, as probabilities",
+            Self::Labelmap => "One number per pixel; small, but only new viewers read it",
         }
     }
 }

@@ -282,7 +282,7 @@ fn seg_type_ui(ui: &mut Ui, options: &mut ExportOptions) {
     if options.formats.contains(&Format::DicomSeg) {
         ui.horizontal_wrapped(|ui| {
             ui.label("DICOM segmentation as");
-            let kinds = SegType::ALL.map(|kind| (kind, kind.label().0, kind.label().1.to_owned(), true));
+            let kinds = SegType::ALL.map(|kind| (kind, kind.name(), kind.about().to_owned(), true));
             choice(ui, &mut options.seg_type, &kinds);
         });
     }
