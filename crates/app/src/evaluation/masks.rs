@@ -39,6 +39,22 @@ pub(super) struct Labelled {
 /// Largest number of frames whose pictures are kept.
 const MOST_PICTURES: usize = 24;
 
+/// Returns the places and classes without the background.
+fn asked(classes: &[Class]) -> impl Iterator<Item = (usize, &Class)> {
+    classes.iter().enumerate().filter(|(_, class)| !is_background(&class.name))
+}
+
+/// Measures the mask of a class against the labels of a frame.
+fn measure_class(
+    class: &Class,
+    frame: usize,
+    mask: &Mask,
+    labels: &LabelMap,
+    keep: &Mask,
+) -> Result<ClassOnFrame> {
+    ClassOnFrame::measure(frame, &class.name, mask, &labels.map(|&id| id == class.id), keep)
+}
+
 impl Classes {
     pub(super) fn new(classes: &[Class]) -> Self {
         let (threshold, copied) = <(MaskScores, MaskScores)>::default();
@@ -55,7 +71,7 @@ impl Classes {
 
     /// Returns the places and classes without the background.
     pub(super) fn asked(&self) -> impl Iterator<Item = (usize, &Class)> {
-        self.all.iter().enumerate().filter(|(_, c)| !is_background(&c.name))
+        asked(&self.all)
     }
 
     /// Adds the scores of all classes on a frame; `found` makes a mask of scores. Does nothing if
@@ -78,10 +94,9 @@ impl Classes {
             .argmax
             .take()
             .unwrap_or_else(|| Argmax { scores: MaskScores::default(), confusion: Confusion::new(names) });
-        for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
-            let truth = labels.map(|&id| id == class.id);
-            self.threshold.add(ClassOnFrame::measure(frame, &class.name, &each[k], &truth, &keep)?);
-            argmax.scores.add(ClassOnFrame::measure(frame, &class.name, &best[k], &truth, &keep)?);
+        for (k, class) in asked(&self.all) {
+            self.threshold.add(measure_class(class, frame, &each[k], &labels, &keep)?);
+            argmax.scores.add(measure_class(class, frame, &best[k], &labels, &keep)?);
         }
         let (predicted, truth) = (self.indices(&best), self.places(&labels));
         argmax.confusion.add(&predicted, &truth, &keep);
@@ -94,9 +109,8 @@ impl Classes {
         let Some(labels) = sequence.labels(frame)? else { return Ok(()) };
         // Another program's masks are not cut to the pixels that we learn from: the labels are not either.
         let keep = Mask::filled(labels.width, labels.height, true);
-        for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
-            let truth = labels.map(|&id| id == class.id);
-            self.threshold.add(ClassOnFrame::measure(frame, &class.name, &masks[k], &truth, &keep)?);
+        for (k, class) in asked(&self.all) {
+            self.threshold.add(measure_class(class, frame, &masks[k], &labels, &keep)?);
         }
         let (predicted, truth) = (self.indices(&masks), self.places(&labels));
         self.keep_picture(predicted, truth, sequence, frame)
@@ -108,9 +122,9 @@ impl Classes {
             return Ok(());
         };
         let keep = sequence.mask(frame)?;
-        for class in self.asked().map(|(_, c)| c.clone()).collect::<Vec<_>>() {
-            let [guess, truth] = [&guess, &truth].map(|labels| labels.map(|&id| id == class.id));
-            self.copied.add(ClassOnFrame::measure(frame, &class.name, &guess, &truth, &keep)?);
+        for (_, class) in asked(&self.all) {
+            let guess = guess.map(|&id| id == class.id);
+            self.copied.add(measure_class(class, frame, &guess, &truth, &keep)?);
         }
         Ok(())
     }
