@@ -105,7 +105,7 @@ pub(crate) fn evaluate(
     extras: Extras<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<Evaluation> {
-    let mut lpips = extras.lpips.map(Lpips::open).transpose()?;
+    let lpips = extras.lpips.map(Lpips::open).transpose()?;
     let sequence = engine
         .sequence()
         .cloned()
@@ -122,48 +122,33 @@ pub(crate) fn evaluate(
     }
     let seen = if held_out { training_frames(&shown) } else { Vec::new() };
     let total = frames.len() + seen.len();
-    let mut classes = asked_classes(engine, &sequence)?;
+    let classes = asked_classes(engine, &sequence)?;
     let classes_without_masks = classes_without_marks(engine, &classes);
-    let labels_known_on = knows_marks_alone(engine).then_some(marked);
-    let (mut rows, mut times) = (Vec::new(), Times::default());
+    let mut measures = Measures {
+        sequence: &sequence,
+        shown: &shown,
+        held_out,
+        labels_known_on: knows_marks_alone(engine).then_some(marked),
+        fits_cameras: extras.fits_cameras,
+        lpips,
+        times: Times::default(),
+        classes,
+    };
+    let mut rows = Vec::new();
     for (done, &frame) in frames.iter().enumerate() {
-        let at = engine.view(frame)?;
-        let images = times.render(engine, &at)?;
-        let shot = engine.scene().shot_of(frame);
-        let neighbours = Neighbours::of(frame, &shown, &shot, held_out);
-        let mut measured = row(&images, &sequence, neighbours, lpips.as_mut())?;
-        measured.repeats = held_out && neighbours.repeats(engine.scene());
-        let started = Instant::now();
-        let scores = engine.scores(&images, &at)?;
-        times.scored(started, scores.len());
-        let limit = engine.settings().threshold;
-        if extras.fits_cameras {
-            let camera = fit_camera(engine.scene(), &sequence, frame)?;
-            let picture = engine.render(&SceneView { camera, ..at }, false)?.to_rgb();
-            measured.fitted_camera_psnr_db =
-                psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?));
-        }
-        rows.push(measured);
-        classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
-        if let Some(from) = neighbours.copied(labels_known_on.as_deref(), &shot) {
-            classes.add_copy(&sequence, frame, from)?;
-        }
+        rows.push(measures.frame(engine, frame)?);
         observe(observer, done + 1, total)?;
     }
-    let mut train_psnr_db = Vec::new();
-    for (done, &frame) in (frames.len()..).zip(&seen) {
-        let at = engine.view(frame)?;
-        let picture = engine.render(&at, false)?.to_rgb();
-        train_psnr_db.extend(psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?)));
-        observe(observer, done + 1, total)?;
-    }
-    let ms = times.medians();
+    let tell = |done: usize| observe(observer, frames.len() + done, total);
+    let train_psnr_db = training_psnr(engine, &sequence, &seen, tell)?;
+    let ms = measures.times.medians();
+    let classes = measures.classes;
     let scene = engine.scene();
     let report = EvalReport {
         gaussians: Some(scene.num_gaussians()?),
         frames_not_shown: scene.frames_not_shown(),
         classes_without_masks,
-        train_psnr_db: mean(train_psnr_db.into_iter()),
+        train_psnr_db,
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
         training: Some(Training { steps: scene.provenance.steps }),
@@ -172,6 +157,69 @@ pub(crate) fn evaluate(
         ..EvalReport::of(&rows, held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
+}
+
+/// An evaluation at work on frames that are not learned from.
+struct Measures<'a> {
+    sequence: &'a Sequence,
+    /// Frames that the scene shows.
+    shown: &'a [usize],
+    held_out: bool,
+    /// Frames whose labels alone are known; `None` if those of others may be.
+    labels_known_on: Option<Vec<usize>>,
+    fits_cameras: bool,
+    lpips: Option<Lpips>,
+    times: Times,
+    classes: Classes,
+}
+
+impl Measures<'_> {
+    /// Measures a frame, and adds the masks on it to those of the classes.
+    fn frame(&mut self, engine: &mut Engine, frame: usize) -> Result<FrameRow> {
+        let at = engine.view(frame)?;
+        let images = self.times.render(engine, &at)?;
+        let shot = engine.scene().shot_of(frame);
+        let neighbours = Neighbours::of(frame, self.shown, &shot, self.held_out);
+        let mut measured = row(&images, self.sequence, neighbours, self.lpips.as_mut())?;
+        measured.repeats = self.held_out && neighbours.repeats(engine.scene());
+        let started = Instant::now();
+        let scores = engine.scores(&images, &at)?;
+        self.times.scored(started, scores.len());
+        let limit = engine.settings().threshold;
+        if self.fits_cameras {
+            let camera = fit_camera(engine.scene(), self.sequence, frame)?;
+            let picture = engine.render(&SceneView { camera, ..at }, false)?.to_rgb();
+            measured.fitted_camera_psnr_db = psnr_inside(&picture, self.sequence, frame)?;
+        }
+        self.classes.add_scores(&scores, |s| threshold(s, limit), self.sequence, frame)?;
+        if let Some(from) = neighbours.copied(self.labels_known_on.as_deref(), &shot) {
+            self.classes.add_copy(self.sequence, frame, from)?;
+        }
+        Ok(measured)
+    }
+}
+
+/// Returns the mean PSNR in dB inside the masks of frames that training saw; `None` if there are none. `tell`
+/// hears how many of them are done.
+fn training_psnr(
+    engine: &mut Engine,
+    sequence: &Sequence,
+    frames: &[usize],
+    mut tell: impl FnMut(usize) -> Result<()>,
+) -> Result<Option<f64>> {
+    let mut all = Vec::new();
+    for (done, &frame) in (1..).zip(frames) {
+        let at = engine.view(frame)?;
+        let picture = engine.render(&at, false)?.to_rgb();
+        all.extend(psnr_inside(&picture, sequence, frame)?);
+        tell(done)?;
+    }
+    Ok(mean(all.into_iter()))
+}
+
+/// Returns the PSNR in dB of a picture of a frame inside its mask.
+fn psnr_inside(picture: &RgbImage, sequence: &Sequence, frame: usize) -> Result<Option<f64>> {
+    Ok(psnr_db(picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?)))
 }
 
 /// Returns the frames that the scene shows: all but those that were left out of the training or since, and

@@ -183,108 +183,132 @@ impl EvalReport {
 }
 
 pub(crate) fn as_text(report: &EvalReport) -> String {
-    let value = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.3}{unit}"));
-    let kind = if report.held_out { "held-out frames" } else { "frames, not held out from training" };
-    let mut text = match report.gaussians {
-        Some(gaussians) => format!(
-            "{} {kind}, {gaussians} Gaussians\n\
-             PSNR        {} inside the masks\n  \
-             to beat: {} by a blend of the frames around, {} by their flow\n  \
-             training frames {}, all pixels {}, the paper's way {}\n\
-             SSIM        {} (away from the border {})\n\
-             published   PSNR {}, SSIM {}, LPIPS {} by the field's formulas, masks keep {} of the picture\n\
-             depth       RMSE {}, relative {}, within a factor of 1.25 {}\n",
-            report.frames,
-            value(report.psnr_masked_db, " dB"),
-            value(report.blend_psnr_db, " dB"),
-            value(report.flow_psnr_db, " dB"),
-            value(report.train_psnr_db, " dB"),
-            value(report.psnr_db, " dB"),
-            value(report.psnr_per_channel_db, " dB"),
-            value(report.ssim, ""),
-            value(report.ssim_inside, ""),
-            value(report.psnr_published_db, " dB"),
-            value(report.ssim_published, ""),
-            value(report.lpips_published, ""),
-            value(report.mask_share, ""),
-            value(report.depth_rmse, " scene units"),
-            value(report.depth.map(|d| d.abs_rel), ""),
-            value(report.depth.map(|d| d.within_1_25), ""),
-        ),
-        None => format!("masks of {} frames\n", report.frames),
+    let mut lines = match report.gaussians {
+        Some(gaussians) => lines_of_pictures(report, gaussians),
+        None => vec![format!("masks of {} frames", report.frames)],
     };
     if report.repeated_frames > 0 {
-        text += &format!(
-            "repeats     {} of these frames repeat one that was learned; PSNR without them {} (blend {}, flow {})\n",
+        lines.push(format!(
+            "repeats     {} of these frames repeat one that was learned; PSNR without them {} (blend {}, flow {})",
             report.repeated_frames,
-            value(report.psnr_masked_new_db, " dB"),
-            value(report.blend_psnr_new_db, " dB"),
-            value(report.flow_psnr_new_db, " dB")
-        );
+            in_db(report.psnr_masked_new_db),
+            in_db(report.blend_psnr_new_db),
+            in_db(report.flow_psnr_new_db)
+        ));
     }
     if report.fitted_camera_psnr_db.is_some() {
-        text += &format!(
-            "fitted      PSNR {} inside the masks, with cameras fitted to these frames\n",
-            value(report.fitted_camera_psnr_db, " dB")
-        );
+        let psnr = in_db(report.fitted_camera_psnr_db);
+        lines.push(format!("fitted      PSNR {psnr} inside the masks, with cameras fitted to these frames"));
     }
     if report.lpips.is_some() {
-        text += &format!("LPIPS       {}\n", value(report.lpips, ""));
+        lines.push(format!("LPIPS       {}", plain(report.lpips)));
     }
-    text += &classes_as_text(report);
+    lines.extend(lines_of_classes(report));
     for (name, summary) in report.masks.iter().flat_map(|m| {
         [Some(("threshold", &m.threshold)), m.argmax.as_ref().map(|a| ("argmax", a))].into_iter().flatten()
     }) {
         let all = &summary.all;
-        text += &format!(
-            "{name:<11} IoU {}, Dice {}, border F {}, precision {}, recall {}, absent classes found {}\n",
-            value(all.iou, ""),
-            value(all.dice, ""),
-            value(all.boundary_f, ""),
-            value(all.precision, ""),
-            value(all.recall, ""),
-            value(all.absent.false_positive_rate, "")
-        );
+        lines.push(format!(
+            "{name:<11} IoU {}, Dice {}, border F {}, precision {}, recall {}, absent classes found {}",
+            plain(all.iou),
+            plain(all.dice),
+            plain(all.boundary_f),
+            plain(all.precision),
+            plain(all.recall),
+            plain(all.absent.false_positive_rate)
+        ));
     }
     if let (Some(ms), Some(fps), Some(renderer)) = (&report.ms, &report.fps, &report.renderer) {
-        text += &format!(
-            "times       deform {}, raster {:.2} ms, one prompt {}, frame {:.2} ms: {:.0} frames/s ({renderer})\n",
+        lines.push(format!(
+            "times       deform {}, raster {:.2} ms, one prompt {}, frame {:.2} ms: {:.0} frames/s ({renderer})",
             value(ms.deform, " ms"),
             ms.raster,
             value(ms.relevancy, " ms"),
             ms.frame,
             fps.frame,
-        );
+        ));
     }
-    text
+    lines.join("\n") + "\n"
 }
 
-/// Writes what is found of classes: first what sceptics ask for, each figure beside that of copied labels.
-fn classes_as_text(report: &EvalReport) -> String {
-    let value = |v: Option<f64>| v.map_or("unknown".into(), |v| format!("{v:.3}"));
-    let (Some(iou), Some(masks)) = (&report.iou, &report.masks) else { return String::new() };
+/// Writes a figure in words, with its unit.
+fn value(figure: Option<f64>, unit: &str) -> String {
+    figure.map_or("unknown".into(), |figure| format!("{figure:.3}{unit}"))
+}
+
+fn in_db(figure: Option<f64>) -> String {
+    value(figure, " dB")
+}
+
+fn plain(figure: Option<f64>) -> String {
+    value(figure, "")
+}
+
+/// Writes the lines of what a scene shows: pictures and depth.
+fn lines_of_pictures(report: &EvalReport, gaussians: usize) -> Vec<String> {
+    let kind = if report.held_out { "held-out frames" } else { "frames, not held out from training" };
+    let depth = |of: fn(&DepthErrors) -> f64| plain(report.depth.as_ref().map(of));
+    vec![
+        format!("{} {kind}, {gaussians} Gaussians", report.frames),
+        format!("PSNR        {} inside the masks", in_db(report.psnr_masked_db)),
+        format!(
+            "  to beat: {} by a blend of the frames around, {} by their flow",
+            in_db(report.blend_psnr_db),
+            in_db(report.flow_psnr_db)
+        ),
+        format!(
+            "  training frames {}, all pixels {}, the paper's way {}",
+            in_db(report.train_psnr_db),
+            in_db(report.psnr_db),
+            in_db(report.psnr_per_channel_db)
+        ),
+        format!("SSIM        {} (away from the border {})", plain(report.ssim), plain(report.ssim_inside)),
+        format!(
+            "published   PSNR {}, SSIM {}, LPIPS {} by the field's formulas, masks keep {} of the picture",
+            in_db(report.psnr_published_db),
+            plain(report.ssim_published),
+            plain(report.lpips_published),
+            plain(report.mask_share)
+        ),
+        format!(
+            "depth       RMSE {}, relative {}, within a factor of 1.25 {}",
+            value(report.depth_rmse, " scene units"),
+            depth(|d| d.abs_rel),
+            depth(|d| d.within_1_25)
+        ),
+    ]
+}
+
+/// Writes the lines of what is found of classes: first what sceptics ask for, each figure beside that of copied
+/// labels.
+fn lines_of_classes(report: &EvalReport) -> Vec<String> {
+    let (Some(iou), Some(masks)) = (&report.iou, &report.masks) else { return Vec::new() };
     let copied = report.copied_labels.as_ref();
     let beside = |v: fn(&Copied) -> Option<f64>| {
-        copied.map_or(String::new(), |c| format!(" (copied labels: {})", value(v(c))))
+        copied.map_or(String::new(), |c| format!(" (copied labels: {})", plain(v(c))))
     };
     let absent = &masks.threshold.all.absent;
-    let mut text = format!(
-        "absent      found on {} of {} pairs of frame and class that is not there, {} with a speck{}\n\
-         IoU         {} strict{}, {} by the paper's protocol{}\n",
-        value(absent.false_find_rate),
-        absent.pairs,
-        value(absent.false_positive_rate),
-        beside(|c| c.masks.all.absent.false_find_rate),
-        value(iou.strict.mean),
-        beside(|c| c.iou.strict.mean),
-        value(iou.paper.mean),
-        beside(|c| c.iou.paper.mean),
-    );
+    let mut lines = vec![
+        format!(
+            "absent      found on {} of {} pairs of frame and class that is not there, {} with a speck{}",
+            plain(absent.false_find_rate),
+            absent.pairs,
+            plain(absent.false_positive_rate),
+            beside(|c| c.masks.all.absent.false_find_rate)
+        ),
+        format!(
+            "IoU         {} strict{}, {} by the paper's protocol{}",
+            plain(iou.strict.mean),
+            beside(|c| c.iou.strict.mean),
+            plain(iou.paper.mean),
+            beside(|c| c.iou.paper.mean)
+        ),
+    ];
     for (name, strict) in &iou.strict.classes {
-        let paper = value(iou.paper.classes.get(name).copied());
-        text += &format!("  {name}: {strict:.3} strict, {paper} by the paper's protocol\n");
+        let paper = plain(iou.paper.classes.get(name).copied());
+        lines.push(format!("  {name}: {strict:.3} strict, {paper} by the paper's protocol"));
     }
-    text
+    lines
 }
 
 #[cfg(test)]
