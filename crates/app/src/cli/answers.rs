@@ -4,6 +4,8 @@ use crate::engine::{Answer, Engine, Negatives, Question, Verdict, absence};
 use std::path::PathBuf;
 use surgtpgs_core::{
     Result,
+    camera::Camera,
+    grid::{Grid, Mask},
     marks::LookHere,
     mask::Region,
     object::seen_area,
@@ -79,7 +81,58 @@ pub(super) struct FrameAnswer {
     pub(super) source: Option<String>,
 }
 
+/// A frame on which prompts are looked for.
+struct Seen<'a> {
+    frame: usize,
+    /// `true` if a chapter of the scene shows it.
+    is_shown: bool,
+    camera: &'a Camera,
+    /// Depth of its pixels, if it was measured.
+    depth: Option<Grid<f32>>,
+    /// File name of the recorded frame, where known.
+    source: Option<&'a str>,
+}
+
+impl FrameAnswer {
+    /// Says how much of a prompt was found on a frame; `shows_nearest` if the class that is most like its words
+    /// is there.
+    fn of(answer: &Answer, seen: &Seen<'_>, scores: &Grid<f32>, mask: &Mask, shows_nearest: bool) -> Self {
+        let region = seen.is_shown.then(|| Region::of(scores, mask));
+        let verdict = match region {
+            Some(region) => answer.verdict(region.area_px > 0, shows_nearest),
+            None => Verdict::NotShown,
+        };
+        let depth = seen.depth.as_ref().filter(|_| seen.is_shown);
+        Self {
+            frame: seen.frame,
+            answer: verdict,
+            nearest: answer.nearest.clone().filter(|_| verdict == Verdict::Nearest),
+            found: verdict == Verdict::Found,
+            area_px: region.map(|region| region.area_px),
+            area_fraction: region.map(|region| region.area_fraction),
+            max_score: region.map(|region| region.max_score),
+            seen_area: depth.map(|depth| seen_area(mask, depth, seen.camera)),
+            source: seen.source.map(str::to_owned),
+        }
+    }
+}
+
 impl PromptAnswers {
+    /// Begins the answers to a question, without a frame.
+    fn new(question: &Question, answer: &Answer) -> Self {
+        Self {
+            text: question.text.trim().to_owned(),
+            answer: Verdict::Absent,
+            nearest: answer.nearest.clone(),
+            certainty: answer.certainty,
+            why: answer.why.clone(),
+            needs_mark: answer.needs_mark,
+            not_understood: answer.not_understood,
+            frames: Vec::new(),
+            gaussians: None,
+        }
+    }
+
     /// Takes the verdict on all frames from those on each.
     fn conclude(&mut self) {
         let verdicts = [Verdict::Found, Verdict::Nearest, Verdict::Absent];
@@ -131,46 +184,26 @@ pub(super) fn ask(
     let answers = engine.answers().to_vec();
     let stand_ins = StandIns::of(questions, &answers);
     engine.set_questions(&[questions, &stand_ins.questions].concat())?;
-    let blank = |(question, answer): (&Question, &Answer)| PromptAnswers {
-        text: question.text.trim().to_owned(),
-        answer: Verdict::Absent,
-        nearest: answer.nearest.clone(),
-        certainty: answer.certainty,
-        why: answer.why.clone(),
-        needs_mark: answer.needs_mark,
-        not_understood: answer.not_understood,
-        frames: Vec::with_capacity(frames.len()),
-        gaussians: None,
-    };
-    let mut prompts: Vec<PromptAnswers> = questions.iter().zip(&answers).map(blank).collect();
+    let begun = questions.iter().zip(&answers).map(|(question, answer)| PromptAnswers::new(question, answer));
+    let mut prompts: Vec<PromptAnswers> = begun.collect();
     let sources = engine.frame_sources();
     let is_measured = engine.depth_origin().is_measured();
     let mut in_doubt: Vec<LookHere> = Vec::new();
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = engine.render(&at, true)?;
-        let is_shown = engine.scene().shows_frame(frame);
         let scores = engine.scores(&images, &at)?;
         let masks = engine.masks(&scores);
-        let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
+        let seen = Seen {
+            frame,
+            is_shown: engine.scene().shows_frame(frame),
+            camera: &at.camera,
+            depth: is_measured.then(|| images.normalised_depth(MIN_DEPTH_ALPHA)),
+            source: sources.get(frame).map(String::as_str),
+        };
         for (k, (prompt, answer)) in prompts.iter_mut().zip(&answers).enumerate() {
-            let region = Region::of(&scores[k], &masks[k]);
             let shows_nearest = stand_ins.places[k].is_some_and(|place| masks[place].count() > 0);
-            let verdict = match is_shown {
-                true => answer.verdict(region.area_px > 0, shows_nearest),
-                false => Verdict::NotShown,
-            };
-            prompt.frames.push(FrameAnswer {
-                frame,
-                answer: verdict,
-                nearest: answer.nearest.clone().filter(|_| verdict == Verdict::Nearest),
-                found: region.area_px > 0,
-                area_px: is_shown.then_some(region.area_px),
-                area_fraction: is_shown.then_some(region.area_fraction),
-                max_score: is_shown.then_some(region.max_score),
-                seen_area: (is_measured && is_shown).then(|| seen_area(&masks[k], &depth, &at.camera)),
-                source: sources.get(frame).cloned(),
-            });
+            prompt.frames.push(FrameAnswer::of(answer, &seen, &scores[k], &masks[k], shows_nearest));
         }
         in_doubt.extend(engine.look_here_on(frame)?);
         Progress::new("asking", done + 1, frames.len()).tell(observer)?;
