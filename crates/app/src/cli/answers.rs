@@ -1,6 +1,6 @@
 //! Answers to prompts, frame by frame.
 
-use crate::engine::{Answer, Engine, Negatives, Question, Verdict, absence};
+use crate::engine::{Absence, Answer, Engine, Negatives, Question, Verdict};
 use std::path::PathBuf;
 use surgtpgs_core::{
     Result,
@@ -126,8 +126,8 @@ impl PromptAnswers {
             nearest: answer.nearest.clone(),
             certainty: answer.certainty,
             why: answer.why.clone(),
-            needs_mark: answer.needs_mark,
-            not_understood: answer.not_understood,
+            needs_mark: answer.absence == Absence::NeedsMark,
+            not_understood: answer.absence == Absence::NotUnderstood,
             frames: Vec::new(),
             gaussians: None,
         }
@@ -158,6 +158,14 @@ impl PromptAnswers {
         self.frames.iter().filter(|f| f.found).max_by_key(|f| f.area_px)
     }
 
+    fn absence(&self) -> Absence {
+        match (self.needs_mark, self.not_understood) {
+            (true, _) => Absence::NeedsMark,
+            (false, true) => Absence::NotUnderstood,
+            (false, false) => Absence::NotThere,
+        }
+    }
+
     /// Says where a prompt stands that was found on no frame.
     pub(super) fn why_not_found(&self) -> String {
         let (total, why) = (self.frames_shown(), &self.why);
@@ -168,7 +176,7 @@ impl PromptAnswers {
             }
             _ if total == 0 => "no chapter of the scene shows these frames".into(),
             _ if self.certainty > 0.5 => format!("on none of {total} frames ({why})"),
-            _ => format!("{} ({why})", absence(self.needs_mark, self.not_understood)),
+            _ => format!("{} ({why})", self.absence().words()),
         }
     }
 }

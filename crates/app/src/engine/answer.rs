@@ -32,8 +32,37 @@ impl Verdict {
     }
 }
 
+/// Reading of an answer where nothing is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Absence {
+    /// It is not in the recording.
+    NotThere,
+    /// Nothing can be said: only what is marked by hand can be looked for, and the words mean none of it.
+    NeedsMark,
+    /// The words are not understood, so that nobody knows if what they mean is there.
+    NotUnderstood,
+}
+
+impl Absence {
+    /// Says it.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            Self::NotThere => "not in this recording",
+            Self::NeedsMark => "cannot be looked for: mark it by hand",
+            Self::NotUnderstood => {
+                "these words are not known here: try another (English or Latin) word, or mark it by hand"
+            }
+        }
+    }
+
+    /// Says it where there is little room.
+    pub(crate) fn in_short(self) -> &'static str {
+        if self == Self::NotUnderstood { "words not known here" } else { self.words() }
+    }
+}
+
 /// Answer of a scene to a prompt, whatever the frame.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// Probability that the words mean something that the scene knows, 0–1. No score is higher.
     pub certainty: f32,
@@ -41,24 +70,8 @@ pub struct Answer {
     pub nearest: Option<String>,
     /// Reason, in a few words.
     pub why: String,
-    /// `true` if nothing can be said of the words: only what is marked by hand can be looked for, and they
-    /// mean none of it.
-    pub needs_mark: bool,
-    /// `true` if the words are not understood, so that nobody knows if what they mean is there.
-    #[serde(default)]
-    pub not_understood: bool,
-}
-
-/// Says that words were not found, and that they may still be there if they need a mark or are not
-/// understood.
-pub(crate) fn absence(needs_mark: bool, not_understood: bool) -> &'static str {
-    match (needs_mark, not_understood) {
-        (true, _) => "cannot be looked for: mark it by hand",
-        (false, true) => {
-            "these words are not known here: try another (English or Latin) word, or mark it by hand"
-        }
-        (false, false) => "not in this recording",
-    }
+    /// Reading of it where nothing is found.
+    pub absence: Absence,
 }
 
 impl Answer {
@@ -68,32 +81,24 @@ impl Answer {
         let nearest = meaning.nearest.filter(|_| !may_be_found).and_then(|k| known.get(k));
         let certainty = if meaning.classes.is_empty() { 0.0 } else { meaning.probability };
         let nearest = nearest.map(|(class, _)| class.name.clone());
-        let needs_mark = are_marked && !may_be_found && !matches!(meaning.reason, Reason::Negated);
-        let not_understood = !needs_mark && !may_be_found && meaning.reason == Reason::Unknown;
-        let why = if needs_mark {
-            "only what is marked by hand can be looked for here".into()
-        } else if not_understood {
-            "it is in no list of English and Latin words".into()
+        let absence = if are_marked && !may_be_found && !matches!(meaning.reason, Reason::Negated) {
+            Absence::NeedsMark
+        } else if !may_be_found && meaning.reason == Reason::Unknown {
+            Absence::NotUnderstood
         } else {
-            meaning.reason.to_string()
+            Absence::NotThere
         };
-        Self { certainty, nearest, why, needs_mark, not_understood }
+        let why = match absence {
+            Absence::NotThere => meaning.reason.to_string(),
+            Absence::NeedsMark => "only what is marked by hand can be looked for here".into(),
+            Absence::NotUnderstood => "it is in no list of English and Latin words".into(),
+        };
+        Self { certainty, nearest, why, absence }
     }
 
     /// The answer to an embedding that is compared as it is.
     pub(super) fn compared(why: &str) -> Self {
-        let (needs_mark, not_understood) = (false, false);
-        Self { certainty: 1.0, nearest: None, why: why.to_owned(), needs_mark, not_understood }
-    }
-
-    /// Says that nothing can be found.
-    pub(crate) fn absence(&self) -> &'static str {
-        absence(self.needs_mark, self.not_understood)
-    }
-
-    /// Says it where there is little room.
-    pub(crate) fn absence_in_short(&self) -> &'static str {
-        if self.not_understood { "words not known here" } else { self.absence() }
+        Self { certainty: 1.0, nearest: None, why: why.to_owned(), absence: Absence::NotThere }
     }
 
     /// Returns `true` if an export writes something for the words: a score above `threshold` is possible, or

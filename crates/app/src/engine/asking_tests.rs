@@ -172,16 +172,16 @@ fn words_that_nobody_understands_are_not_said_to_be_absent() {
     let mut engine = engine(&NAMES, &["hepatic vein"]);
     for words in ["Leber", "Gallenblase", "Vesicula biliar", "печень", "肝", "asdfgh", "!!!"] {
         let (answer, mask) = ask(&mut engine, words);
-        assert!(answer.not_understood && !answer.may_be_found(0.5), "{words}: {answer:?}");
-        assert!(answer.absence().starts_with("these words are not known here"), "{words}: {answer:?}");
+        assert!(answer.absence == Absence::NotUnderstood && !answer.may_be_found(0.5), "{words}: {answer:?}");
+        assert!(answer.absence.words().starts_with("these words are not known here"), "{words}");
         assert_eq!((answer.why.as_str(), mask.count()), ("it is in no list of English and Latin words", 0));
     }
     for words in ["spleen", "hepatic vein", "banana", "gallbladder cancer", "spaceship", "not liver"] {
         let (answer, _) = ask(&mut engine, words);
-        assert!(!answer.not_understood, "{words}: {answer:?}");
-        assert_eq!(answer.absence(), "not in this recording", "{words}");
+        assert_eq!(answer.absence, Absence::NotThere, "{words}: {answer:?}");
+        assert_eq!(answer.absence.words(), "not in this recording");
     }
-    assert!(!ask(&mut engine, "liver").0.not_understood);
+    assert_eq!(ask(&mut engine, "liver").0.absence, Absence::NotThere);
 }
 
 #[test]
@@ -192,23 +192,22 @@ fn a_scene_from_marks_does_not_say_that_what_nobody_marked_is_absent() {
     let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
     for words in ["liver", "spaceship", "Leber"] {
         let (answer, mask) = ask(&mut engine, words);
-        assert!(answer.needs_mark && !answer.not_understood && mask.count() == 0, "{words}: {answer:?}");
-        assert_eq!(answer.absence(), "cannot be looked for: mark it by hand", "{words}");
+        assert!(answer.absence == Absence::NeedsMark && mask.count() == 0, "{words}: {answer:?}");
+        assert_eq!(answer.absence.words(), "cannot be looked for: mark it by hand");
     }
     let (answer, mask) = ask(&mut engine, "abdominal wall");
-    assert!(!answer.needs_mark && answer.may_be_found(0.5) && mask.count() > 20, "{answer:?}");
-    assert!(!ask(&mut engine, "not liver").0.needs_mark, "no mark would help");
+    assert!(answer.absence == Absence::NotThere && answer.may_be_found(0.5), "{answer:?}");
+    assert!(mask.count() > 20, "{}", mask.count());
+    assert_eq!(ask(&mut engine, "not liver").0.absence, Absence::NotThere, "no mark would help");
 }
 
 #[test]
 fn what_another_encoder_judges_is_an_answer() {
     let meaning = |reason| Meaning { classes: Vec::new(), probability: 0.1, nearest: None, reason };
     let answer = |reason, are_marked| Answer::new(&meaning(reason), &[], are_marked);
-    let judged = answer(Reason::Encoder, false);
-    assert_eq!((judged.not_understood, judged.absence()), (false, "not in this recording"));
-    assert!(answer(Reason::Unknown, false).not_understood);
-    let marked = answer(Reason::Unknown, true);
-    assert_eq!((marked.needs_mark, marked.not_understood), (true, false), "words tell nothing there");
+    assert_eq!(answer(Reason::Encoder, false).absence, Absence::NotThere);
+    assert_eq!(answer(Reason::Unknown, false).absence, Absence::NotUnderstood);
+    assert_eq!(answer(Reason::Unknown, true).absence, Absence::NeedsMark, "words tell nothing there");
 }
 
 #[test]

@@ -29,8 +29,7 @@ mod pending;
 mod question;
 mod tools;
 
-pub(crate) use answer::absence;
-pub use answer::{Answer, Verdict};
+pub use answer::{Absence, Answer, Verdict};
 pub(crate) use chapters::frames_around;
 pub use layers::Motion;
 pub use machine::BackendChoice;

@@ -49,12 +49,12 @@ fn a_name_that_marks_only_deny_cannot_be_looked_for() {
     let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
     let mut engine = Engine::new(Arc::new(surgtpgs_core::stress::ordinary(3)), None, options).unwrap();
     let canvas = engine.canvas();
-    for (add, needs_mark) in [(true, false), (false, true)] {
+    for (add, absence) in [(true, Absence::NotThere), (false, Absence::NeedsMark)] {
         let shape = Shape::Click { point_px: [6.0, 6.0], radius_px: 2.0 };
         let marks = Marks::new(vec![Mark::new(0, "duct", add, shape)], &canvas).unwrap();
         engine.set_marks(marks).unwrap();
         engine.set_prompts(&["duct".to_owned()]).unwrap();
-        assert_eq!(engine.answers()[0].needs_mark, needs_mark, "{:?}", engine.answers());
+        assert_eq!(engine.answers()[0].absence, absence, "{:?}", engine.answers());
     }
 }
 

@@ -12,7 +12,7 @@ pub(crate) use files::{write, write_files};
 pub(crate) use report::{EvalReport, Iou, as_text};
 
 use crate::{
-    engine::{Engine, SceneView},
+    engine::{Absence, Engine, SceneView},
     jobs::{Observer, Progress},
 };
 use image::RgbImage;
@@ -246,7 +246,8 @@ fn knows_marks_alone(engine: &Engine) -> bool {
 
 /// Names the classes that nobody marked, where only what is marked can be found.
 fn classes_without_marks(engine: &Engine, classes: &Classes) -> Vec<String> {
-    let needs_mark = |k: usize| engine.answers().get(k).is_some_and(|answer| answer.needs_mark);
+    let needs_mark =
+        |k: usize| engine.answers().get(k).is_some_and(|answer| answer.absence == Absence::NeedsMark);
     classes.asked().filter(|(k, _)| needs_mark(*k)).map(|(_, class)| class.name.clone()).collect()
 }
 

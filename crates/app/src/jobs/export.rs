@@ -153,7 +153,7 @@ impl Chosen {
             let is_nearest = asked.question.shows_nearest || request.options.nearest;
             match &answer.nearest {
                 nearest if !answer.is_exported(asked.threshold, is_nearest) => {
-                    let (nearest, why) = (nearest.clone(), answer.absence_in_short().to_owned());
+                    let (nearest, why) = (nearest.clone(), answer.absence.in_short().to_owned());
                     chosen.left_out.push(LeftOut { text: words, nearest, why });
                 }
                 Some(class) if !answer.may_be_found(asked.threshold) => {

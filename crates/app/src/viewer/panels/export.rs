@@ -253,7 +253,7 @@ fn left_out(questions: &[ExportQuestion], shared: &Shared) -> Vec<String> {
         let finding = shared.finding(prompt.id, &prompt.text).filter(|_| !is_marked)?;
         let answer = finding.answer.as_ref()?;
         let is_written = answer.is_exported(asked.threshold, asked.question.shows_nearest);
-        (!is_written).then(|| format!("\"{}\" ({})", prompt.text, answer.absence_in_short()))
+        (!is_written).then(|| format!("\"{}\" ({})", prompt.text, answer.absence.in_short()))
     };
     questions.iter().filter_map(absence).collect()
 }

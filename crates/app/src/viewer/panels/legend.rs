@@ -106,7 +106,7 @@ pub(crate) fn value(shared: &Shared, asked: &AskedPrompt, finding: &Finding) -> 
         return FOUND_WHEN_READY.into();
     }
     let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(asked.threshold));
-    answer.map_or_else(|| nothing_here(shared).to_lowercase(), |answer| answer.absence_in_short().into())
+    answer.map_or_else(|| nothing_here(shared).to_lowercase(), |answer| answer.absence.in_short().into())
 }
 
 /// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.

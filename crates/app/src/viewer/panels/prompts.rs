@@ -1,6 +1,6 @@
 //! The panel of prompts: the prompt box, one row per prompt, and the style of the overlay.
 
-use crate::engine::{Answer, absence};
+use crate::engine::{Absence, Answer};
 use crate::viewer::{
     action::Action,
     command::Command,
@@ -147,7 +147,7 @@ fn unanswered_text(shared: &Shared) -> String {
     match shared.will_find_words() {
         Some(true) => "Waits for the reconstruction".into(),
         None if shared.awaits_reconstruction() => "Looked for once this recording is reconstructed".into(),
-        _ => sentence(absence(true, false)),
+        _ => sentence(Absence::NeedsMark.words()),
     }
 }
 
@@ -265,8 +265,11 @@ fn nearest_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt, finding: 
     let Some(class) = &answer.nearest else { return };
     let mut shows = prompt.shows_nearest;
     let label = RichText::new(format!("Show {class}, dashed")).font(theme::small());
-    let tip =
-        format!("“{}”: {}. This draws what is most like these words: {class}", prompt.text, answer.absence());
+    let tip = format!(
+        "“{}”: {}. This draws what is most like these words: {class}",
+        prompt.text,
+        answer.absence.words()
+    );
     if ui.checkbox(&mut shows, label).on_hover_text(tip).changed() {
         let id = prompt.id;
         actions.push(Action::edit(move |d| d.set_shows_nearest(id, shows)));
@@ -425,7 +428,7 @@ fn state_text(finding: Option<&Finding>, threshold: f32, nothing: &str) -> (Stri
 
 /// Says that nothing can be found, and what is told of the class that is most like the words.
 fn absent_text(answer: &Answer, tell: impl Fn(&str) -> String) -> String {
-    let absence = sentence(answer.absence());
+    let absence = sentence(answer.absence.words());
     answer.nearest.as_ref().map_or_else(|| absence.clone(), |class| format!("{absence}; {}", tell(class)))
 }
 

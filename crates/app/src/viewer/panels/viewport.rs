@@ -1,6 +1,5 @@
 //! The picture in the middle: recorded, reconstructed, both, or depth; with zoom, wipe and turned views.
 
-use crate::engine::Answer;
 use crate::viewer::{
     action::Action,
     backend::Info,
@@ -380,7 +379,7 @@ fn nothing_found(shared: &Shared, picture: &Picture) -> String {
             return FOUND_WHEN_READY;
         }
         let answer = finding.answer.as_ref().filter(|answer| !answer.may_be_found(prompt.threshold));
-        answer.map_or(nothing_here(shared), Answer::absence)
+        answer.map_or(nothing_here(shared), |answer| answer.absence.words())
     };
     let reasons: Vec<&str> = picture.findings.iter().zip(&picture.request.prompts).map(reason).collect();
     match &reasons[..] {

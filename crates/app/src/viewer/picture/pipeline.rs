@@ -2,7 +2,7 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::{Answer, Pending, Question, frames_around};
+use crate::engine::{Absence, Answer, Pending, Question, frames_around};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Parts},
     picture::{
@@ -341,7 +341,9 @@ impl Pipeline {
             return Vec::new();
         }
         let said = self.source.answers(questions);
-        let needs_mark = |answer: &Option<Answer>| answer.as_ref().is_some_and(|answer| answer.needs_mark);
+        let needs_mark = |answer: &Option<Answer>| {
+            answer.as_ref().is_some_and(|answer| answer.absence == Absence::NeedsMark)
+        };
         said.iter().enumerate().filter(|(_, answer)| needs_mark(answer)).map(|(k, _)| k).collect()
     }
 

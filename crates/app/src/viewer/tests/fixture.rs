@@ -122,8 +122,12 @@ impl FrameSource for Fake {
                 "banana" | "Leber" => (0.0, None),
                 _ => (1.0, None),
             };
-            let not_understood = !needs_mark && question.text == "Leber";
-            Some(Answer { certainty, nearest, why: "it was made up".into(), needs_mark, not_understood })
+            let absence = match question.text.as_str() {
+                _ if needs_mark => Absence::NeedsMark,
+                "Leber" => Absence::NotUnderstood,
+                _ => Absence::NotThere,
+            };
+            Some(Answer { certainty, nearest, why: "it was made up".into(), absence })
         };
         questions.iter().map(answer).collect()
     }

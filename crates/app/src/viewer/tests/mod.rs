@@ -36,7 +36,7 @@ use crate::viewer::{
     state::{autosave::Autosave, preferences::Preferences, view_mode::ViewMode},
 };
 use crate::{
-    engine::{Answer, Negatives, Question, Sample},
+    engine::{Absence, Answer, Negatives, Question, Sample},
     evaluation::Evaluation,
     jobs::ExportRequest,
 };
