@@ -46,9 +46,9 @@ pub(crate) fn find(pressed: Key, modifiers: Modifiers, keymap: &Keymap) -> Optio
     })
 }
 
-/// Returns `true` while one of a command's keys is down, ignoring modifiers.
-pub(crate) fn is_down(ctx: &Context, command: Command, keymap: &Keymap) -> bool {
-    ctx.input(|i| keys(entry(command), keymap).iter().any(|k| i.key_down(k.logical_key)))
+/// Returns `true` while one of the keys to stop is down, ignoring modifiers.
+pub(crate) fn is_stop_down(ctx: &Context, keymap: &Keymap) -> bool {
+    ctx.input(|i| keys(entry(Command::Stop), keymap).iter().any(|k| i.key_down(k.logical_key)))
 }
 
 /// Returns `true` if a key can be chosen. Tab moves the focus, Esc closes what is open, and digits belong to

@@ -31,7 +31,7 @@ impl Shared {
             self.refuse(command, obstacle, ctx.input(|i| i.time));
             return;
         }
-        let is_stop_down = keys::is_down(ctx, Command::Stop, &self.preferences.keys);
+        let is_stop_down = keys::is_stop_down(ctx, &self.preferences.keys);
         let given = Given { index, ctx, now: ctx.input(|i| i.time), is_stop_down };
         let (revision, is_hidden) = (self.document.revision(), self.document.is_hidden);
         let edit = |name: Option<&str>| name.unwrap_or_default().to_owned();

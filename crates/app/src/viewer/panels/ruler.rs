@@ -55,7 +55,7 @@ impl Ruler {
             paint_line(&painter, a, b);
             // Below the line, so that it hides no end.
             let at = pos2(a.x.midpoint(b.x), a.y.max(b.y) + 12.0);
-            plates.take(plate(&painter, at, Align2::CENTER_TOP, &text, theme::TEXT));
+            plates.take(plate(&painter, at, &text));
         }
     }
 

@@ -370,12 +370,12 @@ pub(crate) fn caption(text: impl Into<String>) -> egui::RichText {
     egui::RichText::new(text).font(theme::small()).color(theme::TEXT_WEAK)
 }
 
-/// Paints text on a dark plate, readable on any picture; returns the plate.
-pub(crate) fn plate(painter: &Painter, at: Pos2, anchor: Align2, text: &str, colour: Color32) -> Rect {
-    let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(14.5), colour);
-    let rect = anchor.anchor_size(at, galley.size() + vec2(16.0, 9.0));
+/// Paints text on a dark plate below a place, readable on any picture; returns the plate.
+pub(crate) fn plate(painter: &Painter, at: Pos2, text: &str) -> Rect {
+    let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(14.5), theme::TEXT);
+    let rect = Align2::CENTER_TOP.anchor_size(at, galley.size() + vec2(16.0, 9.0));
     painter.rect_filled(rect, 5.0, theme::PLATE);
-    painter.galley(rect.min + vec2(8.0, 4.5), galley, colour);
+    painter.galley(rect.min + vec2(8.0, 4.5), galley, theme::TEXT);
     rect
 }
 

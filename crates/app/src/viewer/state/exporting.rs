@@ -3,9 +3,12 @@
 use crate::{
     engine::Negatives,
     jobs::ExportRequest,
-    viewer::backend::{
-        Backend,
-        task::{Progress, Task, TaskEvent},
+    viewer::{
+        backend::{
+            Backend,
+            task::{Progress, Task, TaskEvent},
+        },
+        state::toast::SHOWN_SECS,
     },
 };
 use egui::Context;
@@ -91,13 +94,14 @@ impl Exporting {
         self.pace.seconds_left(&self.task.progress)
     }
 
-    /// Returns `true` if it keeps the window from closing. Asked again within `seconds`, it stops instead.
-    pub(crate) fn holds_close(&mut self, now: f64, seconds: f64) -> bool {
+    /// Returns `true` if it keeps the window from closing. Asked again while the message about that is shown, it
+    /// stops instead.
+    pub(crate) fn holds_close(&mut self, now: f64) -> bool {
         if !self.is_running() || self.task.is_cancelling() {
             return false;
         }
         let before = self.close_asked.replace(now);
-        let is_again = before.is_some_and(|before| (SAME_WISH..=seconds).contains(&(now - before)));
+        let is_again = before.is_some_and(|before| (SAME_WISH..=SHOWN_SECS).contains(&(now - before)));
         if is_again {
             self.task.cancel();
         }

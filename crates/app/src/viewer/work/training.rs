@@ -4,7 +4,7 @@ use crate::viewer::{
     backend::{FrameSource, TrainNews, TrainRequest, task::TaskEvent},
     remedy::{message, statement},
     shared::{Dialog, Shared},
-    state::{reconstruction::Training, toast::SHOWN_SECS, view_mode::ViewMode},
+    state::{reconstruction::Training, view_mode::ViewMode},
 };
 use egui::Context;
 use std::path::PathBuf;
@@ -140,7 +140,7 @@ impl Shared {
     }
 
     fn is_held_by_export(&mut self, now: f64) -> bool {
-        let is_held = self.exporting.as_mut().is_some_and(|export| export.holds_close(now, SHOWN_SECS));
+        let is_held = self.exporting.as_mut().is_some_and(|export| export.holds_close(now));
         if is_held {
             self.say("An export is running. Close the window again to stop it", None, now);
         }
