@@ -95,6 +95,19 @@ fn difference(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec
     changed
 }
 
+/// Returns `true` if a verb may write to this place in `folder`.
+#[cfg(unix)]
+fn is_exempt(verb: &Verb, place: &str, force: bool, folder: &Path) -> bool {
+    let real = |name: &str| folder.join(name).canonicalize().ok();
+    let is_own = !verb.own.is_empty() && real(place) == real(verb.own);
+    // The file has two names; the other one stays.
+    let is_own = is_own || verb.own == SCENE && place == "again.safetensors";
+    // The verb reads no recording, or another one.
+    let reads_none = ["demo", "convert", "render", "query"].contains(&verb.args[0]);
+    let is_new = reads_none && place.contains("recording") && place.contains("/new");
+    is_new || (force && (is_own || !verb.has_force))
+}
+
 #[cfg(unix)]
 #[test]
 fn nothing_is_written_into_inputs_or_over_what_was_not_written_here() {
@@ -163,19 +176,7 @@ fn nothing_is_written_into_inputs_or_over_what_was_not_written_here() {
         );
         for place in places {
             for force in [false, true] {
-                let real = |name: &str| at(name).canonicalize().ok();
-                let is_own = !verb.own.is_empty() && real(&place) == real(verb.own);
-                // The file has two names; the other one stays.
-                let is_own = is_own || verb.own == SCENE && place == "again.safetensors";
-                let theirs = place == "theirs" || place == "link to theirs";
-                // The verb reads no recording, or another one.
-                let reads_none = ["demo", "convert", "render", "query"].contains(&verb.args[0]);
-                let is_new = reads_none && place.contains("recording") && place.contains("/new");
-                // A scene file beside another program's pictures harms nobody; the rule is about folders.
-                if is_new
-                    || (force && (is_own || !verb.has_force))
-                    || theirs && !ending.is_empty() && place.ends_with("new")
-                {
+                if is_exempt(verb, &place, force, folder.path()) {
                     continue;
                 }
                 let args = verb.args(&place, force);
