@@ -1,4 +1,4 @@
-//! Numbers as people read them.
+//! Numbers, sentences and names of edits as people read them.
 
 pub(crate) use surgtpgs_core::export::timecode;
 
