@@ -12,12 +12,12 @@ use surgtpgs_core::{
 pub(crate) const DEMO_RECORDING: &str = "demo recording";
 pub(crate) const PREPARATION: &str = "preparation";
 pub(crate) const LANGSPLAT: &str = "set of LangSplat features";
-pub(crate) const PICTURES: &str = "rendering";
+pub(crate) const RENDERING: &str = "rendering";
 pub(crate) const OBJECTS: &str = "set of objects";
 pub(crate) const EXPORT: &str = "export";
 pub(crate) const EVALUATION: &str = "evaluation";
 pub(crate) const BENCHMARK: &str = "benchmark";
-pub(crate) const FRAMES: &str = "conversion";
+pub(crate) const CONVERSION: &str = "conversion";
 /// Kinds of folders that hold several outputs.
 pub(crate) const DEMO: &str = "demo";
 pub(crate) const BATCH: &str = "batch";

@@ -293,7 +293,7 @@ fn write_folder(
     if frames.is_empty() {
         return Err(not_shown("any of these frames"));
     }
-    let output = outputs::folder(&args.output, outputs::FRAMES, inputs, args.force)?;
+    let output = outputs::folder(&args.output, outputs::CONVERSION, inputs, args.force)?;
     let mut view = ProgressView::default();
     let mut now = scene.at(scene.time(frames[0]))?;
     done.gaussians = now.gaussians.len();

@@ -72,7 +72,7 @@ impl Run for RenderArgs {
             .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
         require_for(&Work::Pictures(camera.width, camera.height))?;
         let inputs = engine.inputs(&self.scene.scene);
-        let output = outputs::folder(&self.output, outputs::PICTURES, &inputs, self.force)?;
+        let output = outputs::folder(&self.output, outputs::RENDERING, &inputs, self.force)?;
         let has_features = kinds.contains(&ImageKind::Feature);
         let mut view = ProgressView::default();
         let has_depth = kinds.contains(&ImageKind::Depth);

@@ -1,6 +1,6 @@
 //! The chapters of a long scene, of which an engine holds one at a time.
 
-use super::{Engine, Pending, marked::CarriedMarks};
+use super::{Engine, Pending, marked::MarksInScene};
 use std::{
     ops::{Range, RangeInclusive},
     sync::Arc,
@@ -16,7 +16,7 @@ pub(crate) fn frames_around(i: usize, reach: usize, shot: &Range<usize>) -> Rang
 /// A chapter that was turned from, with its marks.
 pub(super) struct TurnedFrom {
     scene: Arc<Scene>,
-    carried_marks: Option<CarriedMarks>,
+    carried_marks: Option<MarksInScene>,
     graph: Option<Arc<Graph>>,
 }
 

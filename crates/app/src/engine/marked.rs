@@ -1,6 +1,6 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
-use super::{Engine, Recording, SceneView, asking::Asking, blank};
+use super::{Engine, Recorded, SceneView, asking::Asking, blank};
 use crate::memory::{Work, require_for};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
@@ -23,7 +23,7 @@ const MOST_BEFORE: usize = 32;
 type ScoresBefore = BTreeMap<(String, usize), Arc<Grid<f32>>>;
 
 /// Marks, carried to the scene or to the chapter of it that is at hand.
-pub(super) struct CarriedMarks {
+pub(super) struct MarksInScene {
     /// Marks by hand that were carried.
     by_hand: Arc<Marks>,
     /// Names that the scene does not have.
@@ -141,7 +141,7 @@ impl Engine {
             Err(e) => (Arc::default(), BTreeMap::new(), Err(e)),
         };
         if done.is_ok() || !is_first {
-            self.carried_marks = Some(CarriedMarks { by_hand, carried, corrections, before, last: None });
+            self.carried_marks = Some(MarksInScene { by_hand, carried, corrections, before, last: None });
         }
         done
     }
@@ -205,7 +205,7 @@ impl Engine {
 
     fn add_marked(
         &mut self,
-        marked: &mut CarriedMarks,
+        marked: &mut MarksInScene,
         view: &SceneView,
         scores: &mut [Grid<f32>],
     ) -> Result<()> {
@@ -237,7 +237,7 @@ impl Engine {
     /// picture, or by the reconstruction of it where the recording is not at hand.
     fn carried_scores(
         &mut self,
-        marked: &mut CarriedMarks,
+        marked: &mut MarksInScene,
         view: &SceneView,
         frame: Option<usize>,
     ) -> Result<Vec<Grid<f32>>> {
@@ -252,7 +252,7 @@ impl Engine {
     }
 
     /// Returns the scores of the carried names on a frame.
-    fn carried_on<'a>(&mut self, marked: &'a mut CarriedMarks, frame: usize) -> Result<&'a FrameScores> {
+    fn carried_on<'a>(&mut self, marked: &'a mut MarksInScene, frame: usize) -> Result<&'a FrameScores> {
         let known = marked.last.take().filter(|(last, _)| *last == frame);
         let Self { scene, recording, pending, .. } = self;
         let mut num_read = 0;
@@ -316,7 +316,7 @@ impl Engine {
 }
 
 /// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand.
-fn picture(recording: &Recording, scene: &Scene, frame: usize) -> Result<image::RgbImage> {
+fn picture(recording: &Recorded, scene: &Scene, frame: usize) -> Result<image::RgbImage> {
     let time = scene.time(frame);
     match recording.frame(frame)? {
         Some(picture) => Ok(picture),

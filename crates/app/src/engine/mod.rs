@@ -139,7 +139,7 @@ pub enum Ask {
 /// A scene that can be rendered and asked.
 pub struct Engine {
     scene: Arc<Scene>,
-    recording: Recording,
+    recording: Recorded,
     machine: Machine,
     backend: BackendChoice,
     clock: FrameClock,
@@ -152,7 +152,7 @@ pub struct Engine {
     /// Marks by hand, and those that count in each chapter of a long scene, as far as they were needed.
     chapter_marks: Option<ChapterMarks>,
     /// Marks that were carried to the Gaussians; those of before if the marks by hand are others now.
-    carried_marks: Option<marked::CarriedMarks>,
+    carried_marks: Option<marked::MarksInScene>,
     /// The request that waits: carrying marks to another chapter leaves off for it.
     pending: Arc<Pending>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
@@ -173,12 +173,12 @@ struct Rendered {
 }
 
 /// The recording that a scene was made from, or the reason why it is not there.
-enum Recording {
+enum Recorded {
     Found(Sequence),
     Missing(String),
 }
 
-impl Recording {
+impl Recorded {
     /// Returns the picture of frame `i`; `None` if the recording is not there.
     fn frame(&self, i: usize) -> Result<Option<image::RgbImage>> {
         match self {
@@ -202,7 +202,7 @@ impl Engine {
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
         let recording = match &options.sequence {
-            Some(path) => Recording::Found(open_recording(&scene, path)?),
+            Some(path) => Recorded::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
         };
         Self::with(scene, recording, options, None)
@@ -215,12 +215,12 @@ impl Engine {
         options: EngineOptions,
         tools: Option<Tools>,
     ) -> Result<Self> {
-        Self::with(scene, Recording::Found(sequence), options, tools)
+        Self::with(scene, Recorded::Found(sequence), options, tools)
     }
 
     fn with(
         scene: Arc<Scene>,
-        recording: Recording,
+        recording: Recorded,
         options: EngineOptions,
         tools: Option<Tools>,
     ) -> Result<Self> {
@@ -261,8 +261,8 @@ impl Engine {
     /// Returns the recording, if it was found.
     pub fn sequence(&self) -> Option<&Sequence> {
         match &self.recording {
-            Recording::Found(sequence) => Some(sequence),
-            Recording::Missing(_) => None,
+            Recorded::Found(sequence) => Some(sequence),
+            Recorded::Missing(_) => None,
         }
     }
 
@@ -302,8 +302,8 @@ impl Engine {
     /// Returns the reason why there is no recording, in a sentence; `None` if there is one.
     pub fn recording_missing(&self) -> Option<&str> {
         match &self.recording {
-            Recording::Found(_) => None,
-            Recording::Missing(why) => Some(why),
+            Recorded::Found(_) => None,
+            Recorded::Missing(why) => Some(why),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Opens the things that belong to a scene: its recording, its text encoder, its scores.
 
-use super::{EncoderChoice, Recording};
+use super::{EncoderChoice, Recorded};
 use std::path::Path;
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
@@ -92,14 +92,14 @@ pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
 }
 
 /// Looks for the recording where it was when the scene was trained, then at `beside`.
-pub(super) fn find_recording(scene: &Scene, beside: Option<&Path>) -> Recording {
+pub(super) fn find_recording(scene: &Scene, beside: Option<&Path>) -> Recorded {
     let places = [Some(scene.provenance.sequence_path.as_path()), beside];
     let mut why = "the recording is not where it was when the scene was trained".to_owned();
     for place in places.into_iter().flatten().filter(|p| !p.as_os_str().is_empty() && p.exists()) {
         match open_recording(scene, place) {
-            Ok(sequence) => return Recording::Found(sequence),
+            Ok(sequence) => return Recorded::Found(sequence),
             Err(e) => why = e.to_string(),
         }
     }
-    Recording::Missing(why)
+    Recorded::Missing(why)
 }

@@ -35,7 +35,7 @@ impl Engine {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::{EngineOptions, Recording};
+    use crate::engine::{EngineOptions, Recorded};
     use std::sync::Arc;
     use surgtpgs_core::{raster::Renderer, stress};
 
@@ -50,7 +50,7 @@ mod tests {
         let tools = earlier.give_tools();
         assert!(tools.machine.is_gpu() && !earlier.machine.is_gpu());
         let options = EngineOptions { backend: BackendChoice::Cpu, ..EngineOptions::default() };
-        let recording = Recording::Missing(String::new());
+        let recording = Recorded::Missing(String::new());
         let later = Engine::with(earlier.scene.clone(), recording, options, Some(tools)).unwrap();
         assert_eq!(later.machine.name(), name);
     }

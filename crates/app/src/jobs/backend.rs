@@ -48,19 +48,19 @@ fn automatic(trainer: &mut Trainer) -> Result<String> {
         Err(error) => return Ok(format!("{cpu}; the GPU failed: {error}")),
     };
     let on_cpu = trainer.try_out(Box::new(CpuBackend::default()), TRIED_STEPS)?;
-    let verdict = judge(on_gpu, on_cpu);
+    let judged = judge(on_gpu, on_cpu);
     let ms = |seconds: f64| seconds * 1e3 / TRIED_STEPS as f64;
     let times = format!("{:.1} ms a step on the GPU, {:.1} on the CPU", ms(on_gpu.0), ms(on_cpu.0));
-    if verdict == Verdict::Gpu {
+    if judged == Judgement::Gpu {
         trainer.set_backend(Box::new(GpuBackend::new(gpu)?))?;
     }
-    let why = if verdict == Verdict::Wrong { ", whose losses differ" } else { "" };
+    let why = if judged == Judgement::Wrong { ", whose losses differ" } else { "" };
     Ok(format!("{}: {times}{why}", trainer.backend_name()))
 }
 
 /// Result of trying out both backends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Verdict {
+enum Judgement {
     Gpu,
     Cpu,
     /// The GPU came to another loss.
@@ -68,15 +68,15 @@ enum Verdict {
 }
 
 /// Judges by the seconds and the last loss of each backend.
-fn judge(gpu: (f64, LossTerms<f32>), cpu: (f64, LossTerms<f32>)) -> Verdict {
+fn judge(gpu: (f64, LossTerms<f32>), cpu: (f64, LossTerms<f32>)) -> Judgement {
     let (found, expected) = (gpu.1.total(), cpu.1.total());
     // Written so that NaN fails.
     if !((found - expected).abs() <= MAX_DIFFERENCE * expected.abs()) {
-        Verdict::Wrong
+        Judgement::Wrong
     } else if gpu.0 < cpu.0 {
-        Verdict::Gpu
+        Judgement::Gpu
     } else {
-        Verdict::Cpu
+        Judgement::Cpu
     }
 }
 
@@ -87,9 +87,9 @@ mod tests {
     #[test]
     fn the_faster_one_trains_unless_it_is_wrong() {
         let of = |seconds, colour| (seconds, LossTerms { colour, ..LossTerms::default() });
-        assert_eq!(judge(of(1.0, 0.500), of(2.0, 0.501)), Verdict::Gpu);
-        assert_eq!(judge(of(3.0, 0.500), of(2.0, 0.501)), Verdict::Cpu);
-        assert_eq!(judge(of(1.0, 0.520), of(2.0, 0.500)), Verdict::Wrong);
-        assert_eq!(judge(of(1.0, f32::NAN), of(2.0, 0.500)), Verdict::Wrong);
+        assert_eq!(judge(of(1.0, 0.500), of(2.0, 0.501)), Judgement::Gpu);
+        assert_eq!(judge(of(3.0, 0.500), of(2.0, 0.501)), Judgement::Cpu);
+        assert_eq!(judge(of(1.0, 0.520), of(2.0, 0.500)), Judgement::Wrong);
+        assert_eq!(judge(of(1.0, f32::NAN), of(2.0, 0.500)), Judgement::Wrong);
     }
 }

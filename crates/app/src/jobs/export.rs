@@ -99,7 +99,7 @@ pub fn export(
     let output = OutputFolder::claim(&request.folder, claim)?;
     let export = Export::begin(output.path(), request.frames.clone(), provenance.clone())?;
     let mut export = export.with_sources(sources);
-    let mut answers = Answers::new(options);
+    let mut answers = AnsweredFrames::new(options);
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
         if observer(&Progress::new("exporting", done, total)).is_break() {
@@ -223,7 +223,7 @@ fn source_references(engine: &Engine, options: &ExportOptions) -> Result<Option<
 
 /// Answers on recorded frames: the picture to mask, and the scores, smoothed over time if that is asked for.
 /// A frame that several answers need is rendered once.
-struct Answers {
+struct AnsweredFrames {
     /// Pictures to mask; `None` if no format shows them.
     source: Option<PictureSource>,
     /// Number of frames before and after a frame that count, as far as they are of its shot.
@@ -232,7 +232,7 @@ struct Answers {
     known: BTreeMap<usize, (Option<RgbImage>, Vec<Grid<f32>>)>,
 }
 
-impl Answers {
+impl AnsweredFrames {
     fn new(options: &ExportOptions) -> Self {
         let shows_pictures = options.formats.iter().any(|format| format.draws_pictures());
         let source = shows_pictures.then_some(options.source);
@@ -329,7 +329,7 @@ mod tests {
             let clean_up = CleanUp { smooth_frames, ..CleanUp::default() };
             let options =
                 ExportOptions { formats: vec![Format::Binary], clean_up, ..ExportOptions::default() };
-            Answers::new(&options).of(&mut engine, frame).unwrap().1.swap_remove(0)
+            AnsweredFrames::new(&options).of(&mut engine, frame).unwrap().1.swap_remove(0)
         };
         let far = |a: &Grid<f32>, b: &Grid<f32>| {
             let pairs = a.data.iter().zip(&b.data);

@@ -24,7 +24,7 @@ const GIVE_UP: u32 = 2;
 
 /// Progress of a task.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Progress {
+pub(crate) struct TaskProgress {
     /// Name of the stage, e.g. "training".
     pub(crate) stage: String,
     pub(crate) done: usize,
@@ -35,7 +35,7 @@ pub(crate) struct Progress {
     pub(crate) seconds: f64,
 }
 
-impl Progress {
+impl TaskProgress {
     /// Returns the finished share, 0–1.
     pub(crate) fn fraction(&self) -> f32 {
         if self.total == 0 { 0.0 } else { self.done as f32 / self.total as f32 }
@@ -55,7 +55,7 @@ impl Progress {
 
 /// Message from a task: `T` is what it returns, `U` what it tells meanwhile.
 pub(crate) enum TaskEvent<T, U = ()> {
-    Progress(Progress),
+    Progress(TaskProgress),
     /// An intermediate state, or other news.
     Update(U),
     /// The end of the task; nothing follows.
@@ -64,7 +64,7 @@ pub(crate) enum TaskEvent<T, U = ()> {
 
 /// Message from a running task, independent of its return type.
 enum News<U> {
-    Progress(Progress),
+    Progress(TaskProgress),
     Update(U),
     Note(U),
 }
@@ -93,7 +93,7 @@ impl<U> TaskContext<U> {
             }
             began.1.elapsed().as_secs_f64()
         };
-        (self.report)(News::Progress(Progress { stage: stage.to_owned(), done, total, detail, seconds }));
+        (self.report)(News::Progress(TaskProgress { stage: stage.to_owned(), done, total, detail, seconds }));
     }
 
     /// Tells the window an intermediate state, or other news.
@@ -153,7 +153,7 @@ impl<U> TaskContext<U> {
 impl<U> TaskContext<U> {
     /// Makes the context of work without a window, which is asked to stop at the first progress that `stops`
     /// is true for.
-    pub(crate) fn stopping_at(stops: impl Fn(&Progress) -> bool + Send + Sync + 'static) -> Self {
+    pub(crate) fn stopping_at(stops: impl Fn(&TaskProgress) -> bool + Send + Sync + 'static) -> Self {
         let end = Arc::new(AtomicU32::new(0));
         let wish = end.clone();
         let report = move |news: News<U>| {
@@ -216,7 +216,7 @@ pub(crate) struct Task<T, U = ()> {
     pause: Arc<Pause>,
     wishes: Arc<Wishes>,
     /// The latest progress.
-    pub(crate) progress: Progress,
+    pub(crate) progress: TaskProgress,
 }
 
 impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
@@ -245,7 +245,7 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, end, pause, wishes, progress: Progress::default() }
+        Self { events, end, pause, wishes, progress: TaskProgress::default() }
     }
 
     /// Asks the task to stop at the next opportunity. Finished work still waits to be saved.
@@ -438,9 +438,9 @@ mod tests {
 
     #[test]
     fn time_left_follows_the_pace() {
-        let progress = Progress { done: 100, total: 400, seconds: 10.0, ..Default::default() };
+        let progress = TaskProgress { done: 100, total: 400, seconds: 10.0, ..Default::default() };
         assert_eq!(progress.seconds_left(), Some(30.0));
-        assert_eq!(Progress { done: 0, ..progress.clone() }.seconds_left(), None);
-        assert_eq!(Progress::default().fraction(), 0.0);
+        assert_eq!(TaskProgress { done: 0, ..progress.clone() }.seconds_left(), None);
+        assert_eq!(TaskProgress::default().fraction(), 0.0);
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::viewer::{
     action::Action,
-    backend::{Checked, task::Progress},
+    backend::{Checked, task::TaskProgress},
     panels::widgets::caption,
     shared::Shared,
     text::{sentence, thousands},
@@ -31,8 +31,8 @@ pub(crate) fn import_check_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Ac
 }
 
 /// Says how far the check is: its stage, and how much of that is done if it has parts.
-fn progress_text(progress: &Progress) -> String {
-    let Progress { stage, done, total, .. } = progress;
+fn progress_text(progress: &TaskProgress) -> String {
+    let TaskProgress { stage, done, total, .. } = progress;
     let stage = if stage.is_empty() { "Checking the recording".into() } else { sentence(stage) };
     match total {
         0 | 1 => format!("{stage}…"),
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn the_check_says_what_it_does_and_counts_what_has_parts() {
         let text = |stage: &str, done, total| {
-            progress_text(&Progress { stage: stage.into(), done, total, ..Progress::default() })
+            progress_text(&TaskProgress { stage: stage.into(), done, total, ..TaskProgress::default() })
         };
         assert_eq!(text("", 0, 0), "Checking the recording…");
         assert_eq!(text("checking", 39, 63), "Checking: 39 of 63");

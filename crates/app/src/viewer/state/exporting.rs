@@ -6,7 +6,7 @@ use crate::{
     viewer::{
         backend::{
             Backend,
-            task::{Progress, Task, TaskEvent},
+            task::{Task, TaskEvent, TaskProgress},
         },
         state::toast::SHOWN_SECS,
     },
@@ -24,20 +24,20 @@ struct Pace {
     /// Frames that are left from an earlier export.
     begun: Option<usize>,
     /// Progress when the first frame was finished.
-    first: Option<Progress>,
+    first: Option<TaskProgress>,
 }
 
 impl Pace {
-    fn follow(&mut self, progress: &Progress) {
+    fn follow(&mut self, progress: &TaskProgress) {
         if progress.total > 0 && progress.done > *self.begun.get_or_insert(progress.done) {
             self.first.get_or_insert_with(|| progress.clone());
         }
     }
 
     /// Returns the seconds that the export will still take; `None` before there is a pace.
-    fn seconds_left(&self, progress: &Progress) -> Option<f64> {
+    fn seconds_left(&self, progress: &TaskProgress) -> Option<f64> {
         let first = self.first.as_ref()?;
-        let since = Progress {
+        let since = TaskProgress {
             done: progress.done.saturating_sub(first.done),
             total: progress.total.saturating_sub(first.done),
             seconds: progress.seconds - first.seconds,
@@ -117,7 +117,7 @@ mod tests {
     fn the_pace_is_that_of_frames_from_the_first_finished_one_on() {
         let mut pace = Pace::default();
         let mut left = |done, seconds| {
-            let progress = Progress { done, total: 60, seconds, ..Progress::default() };
+            let progress = TaskProgress { done, total: 60, seconds, ..TaskProgress::default() };
             pace.follow(&progress);
             pace.seconds_left(&progress)
         };

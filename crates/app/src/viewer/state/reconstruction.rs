@@ -5,7 +5,7 @@ use crate::{
     viewer::{
         backend::{
             Backend, Checked, Info, TrainNews, TrainRequest, Words,
-            task::{Progress, Task, TaskEvent},
+            task::{Task, TaskEvent, TaskProgress},
         },
         remedy::message,
         state::loss_curve::LossCurve,
@@ -214,7 +214,7 @@ impl Training {
 
 /// Returns the duration of a step of [`Quality::Standard`], seconds, once there is a pace. A long recording
 /// takes the steps of the quality for each of its parts.
-fn pace(progress: &Progress, quality: Quality) -> Option<f64> {
+fn pace(progress: &TaskProgress, quality: Quality) -> Option<f64> {
     let steps = quality.steps();
     let is_training = progress.total > 0 && progress.total.is_multiple_of(steps);
     let has_pace = is_training && progress.done * 10 > steps;
@@ -251,7 +251,7 @@ impl WholeWork {
 
     /// Takes the progress of a stage. The whole never goes back. Each part of a long recording has stages before
     /// its training; they count for the first part alone.
-    fn follow(&mut self, progress: &Progress) {
+    fn follow(&mut self, progress: &TaskProgress) {
         if self.stages.last() != Some(&progress.stage) {
             if self.stages.last().is_some_and(|stage| stage == TRAINING) {
                 self.trained_before += self.seconds;
@@ -274,8 +274,8 @@ impl WholeWork {
     }
 
     /// Returns the progress of the training with the seconds of all its parts, as its steps are those of all.
-    fn training(&self, progress: &Progress) -> Progress {
-        Progress { seconds: self.trained_before + progress.seconds, ..progress.clone() }
+    fn training(&self, progress: &TaskProgress) -> TaskProgress {
+        TaskProgress { seconds: self.trained_before + progress.seconds, ..progress.clone() }
     }
 }
 
@@ -287,7 +287,7 @@ mod tests {
     fn the_pace_is_known_after_a_tenth_of_the_steps_of_one_part_or_of_several() {
         let steps = Quality::Standard.steps();
         let pace = |done, total| {
-            pace(&Progress { done, total, seconds: 8.0, ..Progress::default() }, Quality::Standard)
+            pace(&TaskProgress { done, total, seconds: 8.0, ..TaskProgress::default() }, Quality::Standard)
         };
         assert_eq!([pace(steps / 10, steps), pace(800, 800), pace(0, 0)], [None; 3]);
         assert_eq!([pace(800, steps), pace(800, 9 * steps)], [Some(0.01); 2]);
@@ -298,7 +298,7 @@ mod tests {
         let (steps, mut whole) = (Quality::Standard.steps(), WholeWork::of(&Words::Nothing));
         let mut follow = |stage: &str, done, seconds| {
             let stage = stage.to_owned();
-            let progress = Progress { stage, done, total: 3 * steps, seconds, ..Progress::default() };
+            let progress = TaskProgress { stage, done, total: 3 * steps, seconds, ..TaskProgress::default() };
             whole.follow(&progress);
             whole.training(&progress)
         };
@@ -327,7 +327,7 @@ mod tests {
                     };
                     let seconds = if stage == TRAINING && k > 3 { done - 10 } else { done } as f64;
                     let (stage, detail) = (stage.into(), String::new());
-                    whole.follow(&Progress { stage, done, total, detail, seconds });
+                    whole.follow(&TaskProgress { stage, done, total, detail, seconds });
                     assert!((last..=1.0).contains(&whole.fraction), "stage {k}, {done}");
                     last = whole.fraction;
                 }

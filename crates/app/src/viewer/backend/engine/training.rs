@@ -207,7 +207,7 @@ mod models;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::backend::task::{Progress, Task, TaskEvent};
+    use crate::viewer::backend::task::{Task, TaskEvent, TaskProgress};
     use crate::viewer::backend::{
         Backend, FrameSource,
         earlier::{Earlier, features_beside},
@@ -457,7 +457,7 @@ mod tests {
         assert_eq!(features, Some(request.features_folder()));
         let scene = folder.path().join("recording-2.safetensors");
         let again = TrainRequest { scene, features, ..request.clone() };
-        let is_found_anew = |p: &Progress| p.detail.starts_with("point ");
+        let is_found_anew = |p: &TaskProgress| p.detail.starts_with("point ");
         let task = TaskContext::stopping_at(move |p| p.stage == jobs::TRAINING || is_found_anew(p));
         assert_eq!(reconstruct(&again, &task).unwrap(), again.scene, "what was found is used again");
         assert!(!features_beside(&again.scene).exists());
