@@ -2,7 +2,7 @@
 
 use super::{
     pointing::click_at,
-    reconstructing::{bare, closes, training},
+    reconstructing::{closes, training},
     *,
 };
 use crate::{
@@ -266,11 +266,7 @@ fn a_scene_is_offered_again_only_if_its_training_goes_on() {
         (0..3).for_each(|_| window.harness.step());
         assert_eq!(window.shows(told), goes_on, "{quality}");
     }
-    window.click("Start");
-    window.until_shown("Reconstructing: training");
-    window.stop_training();
-    window.until(|app| app.reconstruction.training.is_none());
-    let request = window.backend.trained.lock().unwrap()[0].clone();
+    let request = window.train_briefly();
     assert_eq!((request.scene, request.replaces, request.quality), (file, true, Quality::Best));
 
     window.until(|app| app.opening.underway.is_none());
@@ -278,10 +274,6 @@ fn a_scene_is_offered_again_only_if_its_training_goes_on() {
     window.harness.step();
     window.harness.get_by_label_contains("Quick look").click();
     (0..3).for_each(|_| window.harness.step());
-    window.click("Start");
-    window.until_shown("Reconstructing: training");
-    window.stop_training();
-    window.until(|app| app.reconstruction.training.is_none());
-    let request = window.backend.trained.lock().unwrap()[1].clone();
+    let request = window.train_briefly();
     assert_eq!((request.scene, request.replaces), (folder.path().join("clip-2.safetensors"), false));
 }

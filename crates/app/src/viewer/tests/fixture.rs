@@ -314,6 +314,11 @@ pub(super) fn scene() -> Info {
     }
 }
 
+/// A recording that was never reconstructed, with labels.
+pub(super) fn bare() -> Info {
+    Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() }
+}
+
 pub(super) struct Window {
     pub(super) harness: Harness<'static, Shell>,
     pub(super) backend: Arc<FakeBackend>,
@@ -461,6 +466,15 @@ impl Window {
     pub(super) fn stop_training(&mut self) {
         self.harness.get_by_label("Stop and keep what was learned").click_accesskit();
         (0..3).for_each(|_| self.harness.step());
+    }
+
+    /// Starts the training that is offered, and stops it; returns what was to be trained.
+    pub(super) fn train_briefly(&mut self) -> TrainRequest {
+        self.click("Start");
+        self.until_shown("Reconstructing: training");
+        self.stop_training();
+        self.until(|app| app.reconstruction.training.is_none());
+        self.backend.trained.lock().unwrap().last().unwrap().clone()
     }
 
     /// Scrolls to a widget, as one does whose panel is long, and clicks it.

@@ -110,10 +110,6 @@ fn check(what: &str, window: &mut Window) {
     assert!(found.is_empty(), "{} faults\n{}", found.len(), found[..found.len().min(12)].join("\n"));
 }
 
-fn bare() -> Info {
-    Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() }
-}
-
 /// Opens a window on a scene with several prompts, long and short, found and not.
 fn with_prompts(count: usize) -> Window {
     let mut window = Window::on(Info { has_measured_depth: false, ..scene() });

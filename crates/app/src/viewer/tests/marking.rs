@@ -1,17 +1,18 @@
-//! Tests of marking by hand: drawing, the prompts that it makes, files, sessions, and the real engine.
+//! Tests of marking by hand: drawing, the prompts that it makes, files and sessions.
 
 use super::{
     pointing::{button, click_at, drag, on_screen},
     *,
 };
 use crate::viewer::{
-    backend::{engine::EngineBackend, task::Task},
+    backend::task::Task,
     command::Command,
     state::{marking::Tool, session::Session},
 };
 use surgtpgs_core::marks::Shape;
 
-pub(super) fn bare() -> Info {
+/// A scene without features: only what is marked can be looked for.
+pub(super) fn without_features() -> Info {
     Info { has_features: false, example_prompts: Vec::new(), ..scene() }
 }
 
@@ -44,7 +45,7 @@ pub(super) fn share(window: &mut Window, text: &str) -> f32 {
 
 #[test]
 fn a_stroke_becomes_a_prompt_and_undo_takes_both_back() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     assert!(window.harness.state().shared.document.prompts().is_empty() && !window.shows("Compared with"));
     window.press(Key::S);
     window.until_shown("Give it a name first.");
@@ -72,7 +73,7 @@ fn a_stroke_becomes_a_prompt_and_undo_takes_both_back() {
 
 #[test]
 fn the_first_mark_leaves_the_picture_where_it_is() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     let corners = |window: &Window| [[0.0, 0.0], [1.0, 1.0]].map(|at| on_screen(window, at));
     let before = corners(&window);
@@ -83,7 +84,7 @@ fn the_first_mark_leaves_the_picture_where_it_is() {
 
 #[test]
 fn a_stroke_that_a_slow_window_gets_at_once_or_after_its_press_is_drawn_as_it_was() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     let corners = |is_lower: bool| {
         let top = if is_lower { 0.4 } else { 0.2 };
@@ -168,7 +169,7 @@ fn each_tool_makes_its_mark_and_shift_turns_it_round() {
 
 #[test]
 fn the_shown_frame_answers_while_one_draws() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     let (from, to) = (on_screen(&window, [0.2, 0.5]), on_screen(&window, [0.7, 0.5]));
     window.harness.hover_at(from);
@@ -188,7 +189,7 @@ fn the_shown_frame_answers_while_one_draws() {
 
 #[test]
 fn a_mark_and_its_opposite_leave_nothing() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     assert!(share(&mut window, "tool") > 0.0);
@@ -337,7 +338,7 @@ fn a_session_with_impossible_marks_brings_the_others() {
 
 #[test]
 fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "liver");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     window.press(Key::S);
@@ -356,7 +357,7 @@ fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
 #[test]
 fn an_outline_around_nothing_is_not_added_and_the_window_says_so() {
     const SAID: &str = "This outline encloses nothing: draw around the structure";
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     window.harness.state_mut().shared.viewport.marking.tool = Tool::Outline;
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
@@ -377,7 +378,7 @@ fn an_outline_around_nothing_is_not_added_and_the_window_says_so() {
 
 #[test]
 fn marks_are_painted_while_the_tool_is_in_use() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     share(&mut window, "tool");
@@ -428,7 +429,7 @@ fn the_tool_is_scrolled_to_when_it_is_taken() {
 
 #[test]
 fn a_prompt_that_needs_a_mark_has_no_curve() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     window.press(Key::Escape);
@@ -441,7 +442,7 @@ fn a_prompt_that_needs_a_mark_has_no_curve() {
 
 #[test]
 fn the_window_goes_where_a_mark_would_help_most() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     assert!(!window.harness.state().shared.is_enabled(Command::LookHere));
     take_tool(&mut window, "tool");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
@@ -464,7 +465,7 @@ fn the_window_goes_where_a_mark_would_help_most() {
 
 /// Opens a window that knows where to look. Nothing is selected, and the tool was never used.
 fn doubtful() -> Window {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     let shape = Shape::Click { point_px: [5.0, 5.0], radius_px: 1.0 };
     let document = &mut window.harness.state_mut().shared.document;
     document.add_mark(Mark::new(0, "fat", true, shape));
@@ -506,7 +507,7 @@ fn a_name_without_words_is_typed_where_one_looks() {
 
 #[test]
 fn typed_words_find_what_is_marked_and_nothing_else() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     let own = share(&mut window, "tool");
@@ -531,88 +532,10 @@ fn typed_words_find_what_is_marked_and_nothing_else() {
     window.until_shown("Classes of this recording");
 }
 
-/// Makes the demo's recording and a scene without features of it, and opens a window on the scene.
-fn real(folder: &Path) -> Window {
-    for line in [
-        &["demo", "-o", "@recording", "--width", "64", "--height", "48", "--frames", "6"][..],
-        &["train", "@recording", "-o", "@scene.safetensors", "--iterations", "200"],
-    ] {
-        super::exports::program(folder, line);
-    }
-    let harness =
-        Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(|cc| {
-            let mut preferences = Preferences::load(None);
-            preferences.is_acknowledged = true;
-            Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
-        });
-    let mut window = Window { harness, backend: Arc::default() };
-    let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().shared.open_path(&folder.join("scene.safetensors"), &ctx);
-    window.until(|app| app.picture().is_some());
-    window
-}
-
-/// Returns a stroke through a class of the demo, along the row where it is widest.
-fn stroke_on(folder: &Path, class: &str, frame: usize) -> Vec<[f32; 2]> {
-    let sequence = surgtpgs_core::sequence::Sequence::open(&folder.join("recording")).unwrap();
-    let id = sequence.classes().iter().find(|c| c.name == class).unwrap().id;
-    let labels = sequence.labels(frame).unwrap().unwrap();
-    let width = |y: usize| labels.row(y).iter().filter(|label| **label == id).count();
-    let y = (0..labels.height).max_by_key(|y| width(*y)).unwrap();
-    let columns: Vec<usize> = (0..labels.width).filter(|x| labels.at(*x, y) == id).collect();
-    let inner = &columns[columns.len() / 5..columns.len() - columns.len() / 5];
-    let share = |x: usize| [(x as f32 + 0.5) / labels.width as f32, (y as f32 + 0.5) / labels.height as f32];
-    vec![share(inner[0]), share(inner[inner.len() - 1])]
-}
-
-#[test]
-fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut window = real(folder.path());
-    let sequence = surgtpgs_core::sequence::Sequence::open(&folder.path().join("recording")).unwrap();
-    let classes: Vec<String> = sequence.classes().iter().map(|c| c.name.clone()).collect();
-    for class in &classes {
-        take_tool(&mut window, class);
-        let line = stroke_on(folder.path(), class, 0);
-        drag(&mut window, line[0], line[1]);
-    }
-    assert_eq!(marks(&window).len(), classes.len());
-    let shares: Vec<f32> = classes.iter().map(|class| share(&mut window, class)).collect();
-    let labels = sequence.labels(0).unwrap().unwrap();
-    for (class, share) in sequence.classes().iter().zip(&shares) {
-        let own = labels.data.iter().filter(|l| **l == class.id).count() as f32 / labels.data.len() as f32;
-        assert!(
-            share / own > 0.5 && share / own < 2.0,
-            "{}: {share} of the picture, labelled {own}",
-            class.name
-        );
-    }
-    window.harness.state_mut().shared.playback.seek(5, 0.0);
-    window.until_picture(|p| p.request.view.frame == 5 && p.findings.iter().all(|f| f.outcome.is_ok()));
-    assert!(share(&mut window, &classes[0]) > 0.0);
-    // The order of marks does not matter.
-    let document = &mut window.harness.state_mut().shared.document;
-    let mut turned = document.marks().all().to_vec();
-    turned.reverse();
-    let mut content = document.content().clone();
-    content.marks = crate::viewer::state::marks::MarkList::of(turned);
-    document.load(content, 6);
-    window.harness.state_mut().shared.playback.seek(0, 0.0);
-    window.until_picture(|p| p.request.view.frame == 0);
-    assert_eq!(classes.iter().map(|class| share(&mut window, class)).collect::<Vec<_>>(), shares);
-    window.press(Key::Escape);
-    for (words, is_found) in [("hepatic tissue", true), ("banana", false)] {
-        window.add_prompt(words);
-        assert_eq!(share(&mut window, words) > 0.0, is_found, "{words}");
-    }
-    window.until_found();
-    assert!(window.shows("Cannot be looked for: mark it by hand") && !window.shows("Not in this recording"));
-}
-
 #[test]
 fn what_takes_nearly_everything_asks_for_its_opposite() {
     const ADVICE: &str = "Now show what it is not";
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     let line = |points: [[f32; 2]; 2], radius_px| Shape::Stroke { points_px: points.to_vec(), radius_px };
     let some = line([[0.0, 8.0], [31.0, 8.0]], 4.0);
     let few = line([[1.0, 22.0], [8.0, 22.0]], 1.0);
@@ -639,7 +562,7 @@ fn what_takes_nearly_everything_asks_for_its_opposite() {
     add(&mut window, "Gall Bladder", true, &few);
     share(&mut window, "gall bladder");
     assert!(!window.shows(ADVICE), "the recording knows it");
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     add(&mut window, "tool", true, &Shape::Box { corners_px: [[0.0, 0.0], [31.0, 20.0]] });
     assert!(share(&mut window, "tool") > 0.4 && !window.shows(ADVICE), "an outline says what lies outside");

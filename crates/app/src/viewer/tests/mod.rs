@@ -10,6 +10,7 @@ mod keys;
 mod layout;
 mod looks;
 mod marking;
+mod marking_demo;
 mod monkey;
 mod obstacles;
 mod over_time;

@@ -5,10 +5,6 @@ use crate::viewer::command::COMMANDS;
 
 const NOT_YET: &str = "Reconstruct the recording first";
 
-fn bare() -> Info {
-    Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() }
-}
-
 /// Gives a key, and returns the message that follows.
 fn said(window: &mut Window, modifiers: Modifiers, key: Key) -> String {
     window.harness.state_mut().shared.toast = None;

@@ -3,8 +3,7 @@
 use super::*;
 
 pub(super) fn training() -> Window {
-    let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
-    let mut window = Window::on(recording);
+    let mut window = Window::on(bare());
     window.click("Reconstruct…");
     window.click("Start");
     window.until(|app| app.document.mode == ViewMode::SideBySide);
@@ -70,10 +69,6 @@ fn little_memory_is_said_before_the_system_ends_the_program() {
         window.harness.step();
     }
     assert!(window.shows("Only 250 MB of memory are left"));
-}
-
-pub(super) fn bare() -> Info {
-    Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() }
 }
 
 #[test]
@@ -352,11 +347,7 @@ fn a_scene_is_replaced_only_if_the_user_agreed() {
     while window.shows("is there already") {
         window.harness.step();
     }
-    window.click("Start");
-    window.until_shown("Reconstructing: training");
-    window.stop_training();
-    window.until(|app| app.reconstruction.training.is_none());
-    let request = window.backend.trained.lock().unwrap()[0].clone();
+    let request = window.train_briefly();
     assert_eq!((request.scene, request.replaces), (scene, true));
 }
 
@@ -435,11 +426,7 @@ fn what_the_same_networks_found_is_used_again_and_what_others_found_stays() {
         choose_models(&mut window, models.path());
         window.until_shown("These networks can be used.");
         assert_eq!(window.shows("What these networks found in it before is used again."), found.is_some());
-        window.click("Start");
-        window.until_shown("Reconstructing: training");
-        window.stop_training();
-        window.until(|app| app.reconstruction.training.is_none());
-        let request = window.backend.trained.lock().unwrap()[0].clone();
+        let request = window.train_briefly();
         assert_eq!(request.features_folder(), folder.path().join(used));
     }
 }

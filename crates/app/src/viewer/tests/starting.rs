@@ -9,7 +9,7 @@ use crate::viewer::{
 };
 
 /// Opens a window that nothing was opened in, with the notice read.
-fn bare() -> Window {
+fn unopened() -> Window {
     let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
     let shared = &mut window.harness.state_mut().shared;
     shared.preferences.is_acknowledged = true;
@@ -26,7 +26,7 @@ fn begin(window: &mut Window, input: &ViewerInput) {
 
 #[test]
 fn the_first_start_shows_the_demo_and_calls_it_so() {
-    let mut window = bare();
+    let mut window = unopened();
     begin(&mut window, &ViewerInput::Start);
     window.until(|app| app.open.is_some());
     assert!(window.shows("Demo: a made-up recording"));
@@ -34,7 +34,7 @@ fn the_first_start_shows_the_demo_and_calls_it_so() {
 
 #[test]
 fn a_window_with_a_place_on_the_screen_is_drawn_and_its_size_kept() {
-    let mut window = bare();
+    let mut window = unopened();
     let viewport = window.harness.input_mut().viewports.get_mut(&egui::ViewportId::ROOT).unwrap();
     viewport.inner_rect = Some(egui::Rect::from_min_size(egui::pos2(40.0, 20.0), egui::vec2(1000.0, 700.0)));
     window.harness.step();
@@ -45,7 +45,7 @@ fn a_window_with_a_place_on_the_screen_is_drawn_and_its_size_kept() {
 
 #[test]
 fn all_of_the_demo_is_offered_once() {
-    let mut window = bare();
+    let mut window = unopened();
     let preferences = &mut window.harness.state_mut().shared.preferences;
     ["/data/demo/recording", "/data/own.mp4", "/data/demo/scene.safetensors"]
         .into_iter()
@@ -58,7 +58,7 @@ fn all_of_the_demo_is_offered_once() {
 #[test]
 fn later_starts_offer_what_was_opened_last() {
     let folder = tempfile::tempdir().unwrap();
-    let mut window = bare();
+    let mut window = unopened();
     let preferences = &mut window.harness.state_mut().shared.preferences;
     preferences.remember(Path::new("/data/gone.mp4"));
     preferences.remember(folder.path());
@@ -80,7 +80,7 @@ fn work_left_unsaved_is_on_the_start_page() {
     let mut session = Session::new("/data/clip.safetensors".into());
     session.content.bookmarks = vec![Bookmark::default()];
     session.save(&folder.path().join("0.surgtpgs")).unwrap();
-    let mut window = bare();
+    let mut window = unopened();
     window.harness.state_mut().shared.saving.autosave = Autosave::open(Some(folder.path().to_owned()));
     begin(&mut window, &ViewerInput::Start);
     assert!(window.harness.state().shared.open.is_none(), "work that waits is shown before the demo");
@@ -95,7 +95,7 @@ fn without_a_file_dialog_the_window_asks_itself() {
     std::fs::create_dir(folder.path().join("clips")).unwrap();
     std::fs::write(folder.path().join("clips/own.mp4"), "").unwrap();
     std::fs::write(folder.path().join("clips/notes.txt"), "").unwrap();
-    let mut window = bare();
+    let mut window = unopened();
     window.press_with(Modifiers::COMMAND, Key::O);
     window.until(|app| app.opening.asked.is_some());
     let shared = &mut window.harness.state_mut().shared;
@@ -186,7 +186,7 @@ fn a_session_is_not_saved_over_a_file_that_the_dialog_did_not_ask_about() {
 
 #[test]
 fn what_the_systems_dialog_returns_is_opened_and_closing_it_does_nothing() {
-    let mut window = bare();
+    let mut window = unopened();
     *window.backend.picked.lock().unwrap() = Some(Picked::Nothing);
     window.click("Open a video or a file…");
     window.until(|app| app.opening.picking.is_none());

@@ -1,7 +1,7 @@
 //! Tests that a stroke has every position of the pointer, however slow the window is.
 
 use super::{
-    marking::{bare, marks, share, take_tool},
+    marking::{marks, share, take_tool, without_features},
     pointing::{button, click_at, drag, on_screen},
     *,
 };
@@ -38,7 +38,7 @@ fn draw(window: &mut Window, first: usize, with_press: usize) {
 
 #[test]
 fn positions_in_the_frame_of_the_press_and_several_in_a_later_one_are_drawn() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     for (tool, with_press) in [(Tool::Outline, 0), (Tool::Outline, 2), (Tool::Brush, 0), (Tool::Brush, 2)] {
         window.harness.state_mut().shared.viewport.marking.tool = tool;
@@ -58,7 +58,7 @@ fn positions_in_the_frame_of_the_press_and_several_in_a_later_one_are_drawn() {
 
 #[test]
 fn an_outline_begun_with_corners_goes_on_where_the_button_is_pressed() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     window.harness.state_mut().shared.viewport.marking.tool = Tool::Outline;
     click_at(&mut window, WAY[0]);
@@ -71,7 +71,7 @@ fn an_outline_begun_with_corners_goes_on_where_the_button_is_pressed() {
 
 #[test]
 fn the_line_between_two_pictures_is_dragged_without_drawing() {
-    let mut window = Window::on(bare());
+    let mut window = Window::on(without_features());
     take_tool(&mut window, "tool");
     window.harness.state_mut().shared.document.mode = ViewMode::Wipe;
     (0..5).for_each(|_| window.harness.step());
