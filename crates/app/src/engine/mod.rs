@@ -27,6 +27,7 @@ mod opening;
 mod outside;
 mod pending;
 mod question;
+mod recorded;
 mod tools;
 
 pub use answer::{Absence, Answer, Verdict};
@@ -45,6 +46,7 @@ use chapters::TurnedFrom;
 pub use opening::open_text_encoder;
 use opening::{find_recording, open_recording, open_relevancy};
 use outside::{Outside, blank};
+use recorded::Recorded;
 use serde::Deserialize;
 use std::{
     path::{Path, PathBuf},
@@ -64,7 +66,7 @@ use surgtpgs_core::{
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
-    sequence::{DepthOrigin, HiddenRectangle, Identity, Sequence},
+    sequence::Sequence,
     train::Profile,
 };
 use surgtpgs_render::{Asked, GpuRenderer, RenderInput, Shown, Wanted};
@@ -172,22 +174,6 @@ struct Rendered {
     images: Arc<Images>,
 }
 
-/// The recording that a scene was made from, or the reason why it is not there.
-enum Recorded {
-    Found(Sequence),
-    Missing(String),
-}
-
-impl Recorded {
-    /// Returns the picture of frame `i`; `None` if the recording is not there.
-    fn frame(&self, i: usize) -> Result<Option<image::RgbImage>> {
-        match self {
-            Self::Found(sequence) => sequence.frame(i).map(Some),
-            Self::Missing(_) => Ok(None),
-        }
-    }
-}
-
 impl Engine {
     /// Opens a scene file. The recording is looked for where it was when the scene was trained, then
     /// beside the scene file; without it everything but [`Engine::original`] works. A recording that
@@ -256,55 +242,6 @@ impl Engine {
     /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
-    }
-
-    /// Returns the recording, if it was found.
-    pub fn sequence(&self) -> Option<&Sequence> {
-        match &self.recording {
-            Recorded::Found(sequence) => Some(sequence),
-            Recorded::Missing(_) => None,
-        }
-    }
-
-    /// Returns the origin of the scene's depth. What is not known counts as absent.
-    pub fn depth_origin(&self) -> DepthOrigin {
-        let recorded = || self.sequence().map(Sequence::depth_origin);
-        self.scene.provenance.depth.or_else(recorded).unwrap_or(DepthOrigin::Absent)
-    }
-
-    /// Fails if the content of a recorded frame is not what the scene was trained on. To be called before
-    /// something is made of recorded frames; it reads all of them.
-    pub fn require_recording(&self) -> Result<()> {
-        match (self.sequence(), &self.scene.provenance.identity) {
-            (Some(sequence), Some(then)) => {
-                sequence.identity()?.require(then, sequence.path(), "the scene was trained on")
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Returns the file names of the recorded frames (of a video, their numbers); none if they are not known.
-    pub fn frame_sources(&self) -> Vec<String> {
-        self.known_identity().into_iter().flat_map(|known| known.names().map(str::to_owned)).collect()
-    }
-
-    /// Returns the rectangles that are black in every recorded frame; none if they are not known.
-    pub fn hidden(&self) -> &[HiddenRectangle] {
-        self.known_identity().map_or(&[], |known| known.hidden())
-    }
-
-    /// Returns the identity of the recording that the scene holds, or else that of the recording at hand.
-    fn known_identity(&self) -> Option<&Arc<Identity>> {
-        let of_scene = self.scene.provenance.identity.as_ref();
-        of_scene.or_else(|| self.sequence().map(Sequence::outline))
-    }
-
-    /// Returns the reason why there is no recording, in a sentence; `None` if there is one.
-    pub fn recording_missing(&self) -> Option<&str> {
-        match &self.recording {
-            Recorded::Found(_) => None,
-            Recorded::Missing(why) => Some(why),
-        }
     }
 
     /// Returns the inputs of a run on the scene, which was opened at `path`.
@@ -563,16 +500,6 @@ impl Engine {
     /// Returns for each prompt the mask of pixels whose score is above the threshold of the settings.
     pub fn masks(&self, scores: &[Grid<f32>]) -> Vec<Mask> {
         scores.iter().map(|s| threshold(s, self.settings.threshold)).collect()
-    }
-
-    /// Returns the recorded picture of frame `i`; `None` if the recording is not there.
-    pub fn original(&self, i: usize) -> Result<Option<image::RgbImage>> {
-        self.recording.frame(i)
-    }
-
-    /// Returns the mask of instruments on recorded frame `i`; `None` if the recording does not have one.
-    pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
-        self.sequence().map_or(Ok(None), |s| s.instruments(i))
     }
 }
 
