@@ -43,8 +43,8 @@ pub fn train(
     train_watched(material, settings, backend, observer, &mut |_, _| {})
 }
 
-/// Same as [`train`] of the recording as a whole; `watch` sees the trainer and the report of each step after
-/// it, to show how far the training is.
+/// Trains on the recording as a whole until all steps are done or the observer asks to stop. `watch` sees the
+/// trainer and the report of each step after it, to show how far the training is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
