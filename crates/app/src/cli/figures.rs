@@ -8,7 +8,7 @@ use crate::{
     engine::Engine,
     evaluation::Iou,
     pictures::{narrowed, side_by_side, stacked},
-    settings::PROMPT_COLOURS,
+    settings::prompt_colour,
 };
 use image::RgbImage;
 use surgtpgs_core::{
@@ -55,7 +55,7 @@ pub(super) fn answers(engine: &mut Engine, answers: &Answers, panel_width: u32) 
         let images = engine.render(&view, true)?;
         let scores = engine.scores(&images, &view)?;
         let picture = engine.original(frame)?.unwrap_or_else(|| images.to_rgb());
-        let (threshold, colour) = (engine.settings().threshold, PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
+        let (threshold, colour) = (engine.settings().threshold, prompt_colour(k));
         let prompt = |scores| (OverlayPrompt::new(scores, threshold, colour), false);
         let drawn: Vec<_> = scores.get(k).into_iter().map(prompt).collect();
         let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.45, ..Default::default() };

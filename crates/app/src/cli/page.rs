@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     engine::{BackendChoice, EncoderChoice, Engine, EngineOptions, Negatives, Question, Verdict},
-    settings::PROMPT_COLOURS,
+    settings::prompt_colour,
 };
 use std::sync::Arc;
 use surgtpgs_core::{
@@ -34,7 +34,7 @@ pub(super) fn prompts(
     let answers = ask(&mut engine, &questions, &frames, &mut |p| view.show(p))?;
     drop(view);
     let shares = shares(&mut engine)?;
-    let shown = answers.prompts.into_iter().zip(shares).zip(PROMPT_COLOURS.into_iter().cycle());
+    let shown = answers.prompts.into_iter().zip(shares).zip((0..).map(prompt_colour));
     Ok(shown.map(|((prompt, shares), colour)| page_prompt(prompt, shares, colour)).collect())
 }
 

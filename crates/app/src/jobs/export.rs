@@ -3,7 +3,7 @@
 use crate::{
     engine::{Engine, Question, frames_around},
     outputs,
-    settings::PROMPT_COLOURS,
+    settings::prompt_colour,
 };
 use image::RgbImage;
 use std::{
@@ -42,13 +42,13 @@ pub struct ExportQuestion {
 impl ExportQuestion {
     /// Gives questions one threshold, and colours in their order. Instruments are recognised by their names.
     pub fn with_standard_look(questions: Vec<Question>, threshold: f32) -> Vec<Self> {
-        let look = |(question, &colour): (Question, &[u8; 3])| Self {
+        let look = |(question, colour): (Question, [u8; 3])| Self {
             is_instrument: names_instrument(question.text.trim()),
             question,
             threshold,
             colour,
         };
-        questions.into_iter().zip(PROMPT_COLOURS.iter().cycle()).map(look).collect()
+        questions.into_iter().zip((0..).map(prompt_colour)).map(look).collect()
     }
 }
 
@@ -294,11 +294,12 @@ mod tests {
         BackendChoice, EngineOptions, Negatives,
         asking_tests::{engine_on, unfinished_engine},
     };
-    use std::sync::Arc;
+    use std::{collections::BTreeSet, sync::Arc};
     use surgtpgs_core::{
         export::num_files,
         mask::CleanUp,
         progress::unobserved,
+        relevancy::RelevancySettings,
         scene::{Chapter, Scene},
     };
 
@@ -356,6 +357,15 @@ mod tests {
             replace: true,
             completes_same: false,
         }
+    }
+
+    #[test]
+    fn many_questions_have_colours_of_their_own() {
+        let settings = RelevancySettings::default();
+        let questions = (0..20).map(|k| Question::words(format!("words {k}"), Negatives::of(&settings)));
+        let asked = ExportQuestion::with_standard_look(questions.collect(), 0.5);
+        let colours: BTreeSet<[u8; 3]> = asked.iter().map(|question| question.colour).collect();
+        assert_eq!(colours.len(), 20);
     }
 
     #[test]
