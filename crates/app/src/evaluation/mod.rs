@@ -159,7 +159,7 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// An evaluation at work on frames that are not learned from.
+/// Measures of frames, taken one after the other.
 struct Measures<'a> {
     sequence: &'a Sequence,
     /// Frames that the scene shows.
