@@ -94,8 +94,8 @@ struct Seen<'a> {
 }
 
 impl FrameAnswer {
-    /// Says how much of a prompt was found on a frame; `shows_nearest` if the class that is most like its words
-    /// is there.
+    /// Says how much of a prompt was found on a frame; `shows_nearest` if the class that is most like its
+    /// words is there.
     fn of(answer: &Answer, seen: &Seen<'_>, scores: &Grid<f32>, mask: &Mask, shows_nearest: bool) -> Self {
         let region = seen.is_shown.then(|| Region::of(scores, mask));
         let verdict = match region {

@@ -279,8 +279,8 @@ fn lines_of_pictures(report: &EvalReport, gaussians: usize) -> Vec<String> {
     ]
 }
 
-/// Writes the lines of what is found of classes: first what sceptics ask for, each figure beside that of copied
-/// labels.
+/// Writes the lines of what is found of classes: first what sceptics ask for, each figure beside that of
+/// copied labels.
 fn lines_of_classes(report: &EvalReport) -> Vec<String> {
     let (Some(iou), Some(masks)) = (&report.iou, &report.masks) else { return Vec::new() };
     let copied = report.copied_labels.as_ref();

@@ -373,8 +373,8 @@ impl Course<'_> {
         Ok(Trained { psnr_db: psnr_db(&whole.scene, self.material.sequence())?, ..whole })
     }
 
-    /// Trains a chapter until all its steps are done or the observer asks to stop. One that is done is written
-    /// beside the scene file.
+    /// Trains a chapter until all its steps are done or the observer asks to stop. One that is done is
+    /// written beside the scene file.
     fn train_one(
         &self,
         mut trainer: Trainer,

@@ -404,7 +404,7 @@ impl Scene {
         Self::load_chapter_if_usable(path)?.usable()
     }
 
-    /// Does the same as [`Scene::load_chapter`]; a file that is damaged, or of another version, is no failure.
+    /// Does the same as [`Scene::load_chapter`]; one that is damaged, or of another version, is no failure.
     pub fn load_chapter_if_usable(path: &Path) -> Result<Kept<Self>> {
         let fail = |e| Error::io("read the scene file", path, e);
         let file = open_regular(path).map_err(fail)?;

@@ -143,7 +143,7 @@ impl Trainer {
         Self::resume_if_usable(sequence, prepared, path)?.usable()
     }
 
-    /// Does the same as [`Trainer::resume`]; a file that is damaged, or of another version, is no failure.
+    /// Does the same as [`Trainer::resume`]; one that is damaged, or of another version, is no failure.
     pub fn resume_if_usable(
         sequence: &Sequence,
         prepared: Option<&Prepared>,

@@ -94,8 +94,8 @@ impl Exporting {
         self.pace.seconds_left(&self.task.progress)
     }
 
-    /// Returns `true` if it keeps the window from closing. Asked again while the message about that is shown, it
-    /// stops instead.
+    /// Returns `true` if it keeps the window from closing. Asked again while the message about that is shown,
+    /// it stops instead.
     pub(crate) fn holds_close(&mut self, now: f64) -> bool {
         if !self.is_running() || self.task.is_cancelling() {
             return false;
