@@ -71,6 +71,7 @@ pub(super) struct TrainArgs {
     #[arg(long, conflicts_with_all = FIXED_AT_START)]
     pub(super) resume: bool,
     /// Replace an earlier scene once the new one is whole, and begin an unfinished training anew
+    // A batch sets it with `resume`: what is kept is begun anew if it is damaged.
     #[arg(long)]
     pub(super) force: bool,
     /// Report as JSON
@@ -113,12 +114,13 @@ enum TrainProfile {
 }
 
 impl TrainArgs {
-    /// Trains a chapter alone, and goes on with it or replaces it; it lies beside the file `scene`.
+    /// Trains a chapter alone, and goes on with it, if that can be, or replaces it; it lies beside the file
+    /// `scene`.
     pub(super) fn take_chapter(&mut self, index: usize, scene: &Path) {
         self.chapter = Some(index);
         self.output = jobs::chapter_path(scene, index);
         self.resume = jobs::checkpoint_path(&self.output).exists();
-        self.force = !self.resume;
+        self.force = true;
     }
 
     /// Returns the settings of a training from the beginning.
@@ -201,8 +203,12 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
-    require_for(&Work::Training(material.sequence(), &args.settings()))?;
-    let length_warning = args.settings().length_warning(material.sequence().num_frames());
+    let mut length_warning = None;
+    if !args.resume {
+        let settings = args.settings();
+        require_for(&Work::Training(material.sequence(), &settings))?;
+        length_warning = settings.length_warning(material.sequence().num_frames());
+    }
     let of_classes = material.prepared().map(Prepared::cautions).unwrap_or_default();
     let warnings =
         [material.sequence().cautions(), of_classes.as_slice(), length_warning.as_slice()].concat();
@@ -295,21 +301,12 @@ enum Begun {
 }
 
 fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Begun> {
-    let (sequence, prepared) = (material.sequence(), material.prepared());
-    if args.resume {
-        let is_alone = args.chapter.is_some() || place.checkpoint.is_file();
-        if !is_alone && let Some(settings) = jobs::settings_of_chapters(place.scene, material)? {
-            return Ok(Begun::InChapters(Box::new(settings), None));
-        }
-        let trainer = Trainer::resume(sequence, prepared, place.checkpoint)?;
-        let begun = trainer.settings().chapter.as_ref().map(|chapter| chapter.index);
-        if args.chapter.is_some() && args.chapter != begun {
-            let of = begun.map_or("the whole recording".into(), |index| format!("chapter {index}"));
-            let what = format!("the unfinished training is of {of}");
-            return Err(Error::input_at(place.checkpoint, what, "Leave --chapter out to go on with it."));
-        }
-        return Ok(Begun::Whole(Box::new(trainer)));
+    if args.resume
+        && let Some(begun) = go_on(args, material, place)?
+    {
+        return Ok(begun);
     }
+    let (sequence, prepared) = (material.sequence(), material.prepared());
     let settings = args.settings();
     let mut view = ProgressView::default();
     let mut plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
@@ -333,6 +330,31 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
         trainer.save_checkpoint(place.checkpoint)?;
     }
     Ok(Begun::Whole(Box::new(trainer)))
+}
+
+/// Goes on with an unfinished training; `None` if it is damaged and may be begun anew.
+fn go_on(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Option<Begun>> {
+    let is_alone = args.chapter.is_some() || place.checkpoint.is_file();
+    if !is_alone && let Some(settings) = jobs::settings_of_chapters(place.scene, material)? {
+        return Ok(Some(Begun::InChapters(Box::new(settings), None)));
+    }
+    let (sequence, prepared) = (material.sequence(), material.prepared());
+    let trainer = match Trainer::resume_if_usable(sequence, prepared, place.checkpoint)? {
+        Kept::Usable(trainer) => trainer,
+        Kept::Damaged(_) if args.force => {
+            say(&format!("note: {}: {}", place.checkpoint.display(), jobs::DAMAGED));
+            return Ok(None);
+        }
+        Kept::Damaged(error) => return Err(error),
+    };
+    let begun = trainer.settings().chapter.as_ref().map(|chapter| chapter.index);
+    if args.chapter.is_some() && args.chapter != begun {
+        let of = begun.map_or("the whole recording".into(), |index| format!("chapter {index}"));
+        let what = format!("the unfinished training is of {of}");
+        return Err(Error::input_at(place.checkpoint, what, "Leave --chapter out to go on with it."));
+    }
+    require_for(&Work::Training(sequence, trainer.settings()))?;
+    Ok(Some(Begun::Whole(Box::new(trainer))))
 }
 
 fn no_chapter(index: usize, count: usize) -> Error {

@@ -116,11 +116,18 @@ impl Classes {
         self.keep_picture(predicted, truth, sequence, frame)
     }
 
-    /// Adds, as a guess of the labels of `frame`, those of the frame `from`. Does nothing if either has none.
-    pub(super) fn add_copy(&mut self, sequence: &Sequence, frame: usize, from: usize) -> Result<()> {
-        let (Some(truth), Some(guess)) = (sequence.labels(frame)?, sequence.labels(from)?) else {
-            return Ok(());
-        };
+    /// Adds, as a guess of the labels of `frame`, those of the first of the frames `from` that has some. Does
+    /// nothing if there are none, or nothing to compare them with.
+    pub(super) fn add_copy(&mut self, sequence: &Sequence, frame: usize, from: &[usize]) -> Result<()> {
+        let Some(truth) = sequence.labels(frame)? else { return Ok(()) };
+        let mut guess = None;
+        for &from in from {
+            guess = sequence.labels(from)?;
+            if guess.is_some() {
+                break;
+            }
+        }
+        let Some(guess) = guess else { return Ok(()) };
         let keep = sequence.mask(frame)?;
         for (_, class) in asked(&self.all) {
             let guess = guess.map(|&id| id == class.id);

@@ -128,7 +128,10 @@ pub(crate) fn evaluate(
         sequence: &sequence,
         shown: &shown,
         held_out,
-        labels_known_on: knows_marks_alone(engine).then_some(marked),
+        labels_known_on: match knows_marks_alone(engine) {
+            true => marked,
+            false => shown.iter().copied().filter(|i| !(held_out && Sequence::is_test_frame(*i))).collect(),
+        },
         fits_cameras: extras.fits_cameras,
         lpips,
         times: Times::default(),
@@ -165,8 +168,8 @@ struct Measures<'a> {
     /// Frames that the scene shows.
     shown: &'a [usize],
     held_out: bool,
-    /// Frames whose labels alone are known; `None` if those of others may be.
-    labels_known_on: Option<Vec<usize>>,
+    /// Frames whose labels may be known, ascending.
+    labels_known_on: Vec<usize>,
     fits_cameras: bool,
     lpips: Option<Lpips>,
     times: Times,
@@ -192,9 +195,8 @@ impl Measures<'_> {
             measured.fitted_camera_psnr_db = psnr_inside(&picture, self.sequence, frame)?;
         }
         self.classes.add_scores(&scores, |s| threshold(s, limit), self.sequence, frame)?;
-        if let Some(from) = neighbours.copied(self.labels_known_on.as_deref(), &shot) {
-            self.classes.add_copy(self.sequence, frame, from)?;
-        }
+        let others = neighbours.copied_from(&self.labels_known_on, &shot);
+        self.classes.add_copy(self.sequence, frame, &others)?;
         Ok(measured)
     }
 }

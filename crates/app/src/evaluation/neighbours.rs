@@ -28,18 +28,12 @@ impl Neighbours {
         Self { frame, before, after }
     }
 
-    /// Returns the nearer one; the earlier one of two.
-    pub(super) fn nearest(&self) -> Option<usize> {
-        let both = self.before.into_iter().chain(self.after);
-        both.min_by_key(|i| i.abs_diff(self.frame))
-    }
-
-    /// Returns the frame whose labels are copied as a guess of those of the frame: its nearer neighbour. If
-    /// labels of the `marked` frames alone are known, it is the nearest of them, of the frame's `shot` if one
-    /// is there.
-    pub(super) fn copied(&self, marked: Option<&[usize]>, shot: &Range<usize>) -> Option<usize> {
-        let Some(marked) = marked else { return self.nearest() };
-        marked.iter().copied().min_by_key(|i| (!shot.contains(i), i.abs_diff(self.frame)))
+    /// Returns the frames whose labels may be copied as a guess of those of the frame, the best first: of those
+    /// that are `known`, the nearest ones, and those of the frame's `shot` before all others.
+    pub(super) fn copied_from(&self, known: &[usize], shot: &Range<usize>) -> Vec<usize> {
+        let mut others: Vec<usize> = known.iter().copied().filter(|i| *i != self.frame).collect();
+        others.sort_by_key(|i| (!shot.contains(i), i.abs_diff(self.frame)));
+        others
     }
 
     /// Returns `true` if a neighbour has the frame's time: it shows the same.
@@ -71,20 +65,17 @@ mod tests {
     #[test]
     fn neighbours_are_frames_that_training_sees() {
         let shown: Vec<usize> = (0..18).collect();
-        let of = |frame, held_out| {
-            let Neighbours { before, after, .. } = Neighbours::of(frame, &shown, &(0..18), held_out);
+        let of = |frame, shown: &[usize], shot, held_out| {
+            let Neighbours { before, after, .. } = Neighbours::of(frame, shown, &shot, held_out);
             (before, after)
         };
-        assert_eq!(of(9, true), (Some(8), Some(10)));
-        assert_eq!(of(10, true), (Some(8), Some(11)));
-        assert_eq!(of(10, false), (Some(9), Some(11)));
-        assert_eq!(of(17, true), (Some(16), None), "at the end");
-        let nearest = |frame, shown: &[usize], shot| Neighbours::of(frame, shown, &shot, true).nearest();
-        assert_eq!(nearest(9, &shown, 0..18), Some(8));
-        assert_eq!(nearest(10, &shown, 0..18), Some(11));
-        assert_eq!(nearest(9, &shown, 9..18), Some(10), "beyond a cut nothing is seen");
-        assert_eq!(nearest(9, &[5, 9, 14], 0..18), Some(5), "nor what was left out");
-        assert_eq!(nearest(0, &[0], 0..1), None);
+        assert_eq!(of(9, &shown, 0..18, true), (Some(8), Some(10)));
+        assert_eq!(of(10, &shown, 0..18, true), (Some(8), Some(11)));
+        assert_eq!(of(10, &shown, 0..18, false), (Some(9), Some(11)));
+        assert_eq!(of(17, &shown, 0..18, true), (Some(16), None), "at the end");
+        assert_eq!(of(9, &shown, 9..18, true), (None, Some(10)), "beyond a cut nothing is seen");
+        assert_eq!(of(9, &[5, 9, 14], 0..18, true), (Some(5), Some(14)), "nor what was left out");
+        assert_eq!(of(0, &[0], 0..1, true), (None, None));
     }
 
     #[test]
@@ -96,14 +87,13 @@ mod tests {
     #[test]
     fn copied_labels_are_those_that_are_known() {
         let shown: Vec<usize> = (0..18).collect();
-        let copied = |frame, shot: Range<usize>, marked: Option<&[usize]>| {
-            Neighbours::of(frame, &shown, &shot, false).copied(marked, &shot)
+        let copied = |frame, shot: Range<usize>, known: &[usize]| {
+            Neighbours::of(frame, &shown, &shot, false).copied_from(known, &shot)
         };
-        assert_eq!(copied(9, 0..18, None), Some(8));
-        assert_eq!(copied(9, 0..18, Some(&[2, 14])), Some(14));
-        assert_eq!(copied(8, 0..18, Some(&[2, 14])), Some(2), "the earlier one of two");
-        assert_eq!(copied(9, 0..10, Some(&[2, 14])), Some(2), "before what lies beyond a cut");
-        assert_eq!(copied(9, 5..18, Some(&[2])), Some(2), "which counts where there is nothing else");
-        assert_eq!(copied(9, 0..18, Some(&[])), None);
+        assert_eq!(copied(9, 0..18, &[7, 9, 10]), [10, 7], "never its own");
+        assert_eq!(copied(9, 0..18, &[2, 14]), [14, 2]);
+        assert_eq!(copied(8, 0..18, &[2, 14])[0], 2, "the earlier one of two");
+        assert_eq!(copied(9, 0..10, &[2, 14])[0], 2, "before what lies beyond a cut");
+        assert_eq!(copied(9, 5..18, &[2]), [2], "which counts where there is nothing else");
     }
 }

@@ -2,19 +2,21 @@
 
 use crate::{
     Error, Result,
-    export::{ExportedFile, exported_files, slugs},
+    export::{ExportedFile, Format, exported_files, slugs},
     grid::Mask,
     meaning::{ClassWords, Interpreter, Meaning, Vocabulary},
     reading::{self, is_present, opacity, read_text},
     sequence::{Class, NO_LABEL, NumbersAre, PictureOfIds, Sequence, lightness, plain_words},
 };
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, HashMap},
     path::{Path, PathBuf},
 };
 
 /// Largest number of remembered values that name no class.
 const MOST_FOREIGN: usize = 8;
+/// Formats of exports that are masks. Other pictures of an export are passed over.
+const MASKS: [Format; 3] = [Format::Binary, Format::Cutout, Format::Index];
 
 /// Predicted masks by frame. A folder is understood if its pictures are
 ///
@@ -47,8 +49,10 @@ pub struct PredictedMasks {
 
 #[derive(Clone, Debug)]
 enum Prediction {
-    /// A picture that is white where the class is.
+    /// A picture that is white where the class is, or opaque if some of it is transparent.
     OfClass(u8, PathBuf),
+    /// A cut-out, which is opaque where the class is.
+    Cutout(u8, PathBuf),
     /// A picture of class ids.
     Labels(PathBuf),
 }
@@ -58,7 +62,7 @@ impl Prediction {
     fn labels(&self) -> Option<&Path> {
         match self {
             Self::Labels(path) => Some(path),
-            Self::OfClass(..) => None,
+            Self::OfClass(..) | Self::Cutout(..) => None,
         }
     }
 }
@@ -71,9 +75,10 @@ impl PredictedMasks {
         let (names, exported) = (Names::of(sequence), exported_files(folder));
         for path in pictures(folder)? {
             let recorded = path.strip_prefix(folder).ok().and_then(|path| exported.get(path));
-            let placed = match recorded {
-                Some(file) => place_exported(&path, file, sequence, &names),
-                None => place(&path, folder, sequence, &names),
+            let placed = match recorded.map(|file| (file, mask_format(file))) {
+                Some((_, None)) => continue,
+                Some((file, Some(format))) => place_exported(&path, file, format, &names),
+                None => place(&path, folder, &names),
             };
             let (frame, prediction) = placed.ok_or_else(|| {
                 Error::input_at(
@@ -159,18 +164,13 @@ impl PredictedMasks {
         let mut masks = vec![Mask::filled(size.0, size.1, false); classes.len()];
         for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
             match prediction {
-                Prediction::OfClass(id, path) => {
+                Prediction::OfClass(id, ref path) | Prediction::Cutout(id, ref path) => {
                     self.given[usize::from(id)] = true;
-                    let picture = match opacity(&reading::picture(&path)?) {
-                        Some(opacity) => opacity,
-                        None => lightness(&path)?,
-                    };
-                    expect_size(&path, (picture.width, picture.height), size)?;
-                    let limit = white_above(&picture.data);
-                    let found = picture.data.iter().map(|value| *value > limit);
+                    let found = found_in(path, matches!(prediction, Prediction::Cutout(..)))?;
+                    expect_size(path, (found.width, found.height), size)?;
                     let masks = classes.iter().zip(&mut masks).filter(|(class, _)| class.id == id);
                     for (_, mask) in masks {
-                        mask.data.iter_mut().zip(found.clone()).for_each(|(mask, found)| *mask |= found);
+                        mask.data.iter_mut().zip(&found.data).for_each(|(mask, found)| *mask |= found);
                     }
                 }
                 Prediction::Labels(path) => {
@@ -211,15 +211,31 @@ impl PredictedMasks {
     }
 }
 
+/// Reads a mask: where the picture is opaque, or white if all of it is opaque. A cut-out that is opaque all over
+/// is found all over.
+fn found_in(path: &Path, is_cutout: bool) -> Result<Mask> {
+    let picture = reading::picture(path)?;
+    let (values, largest) = match opacity(&picture) {
+        Some(opacity) => (opacity, u16::MAX),
+        None if is_cutout => {
+            return Ok(Mask::filled(picture.width() as usize, picture.height() as usize, true));
+        }
+        None => {
+            let color = picture.color();
+            let is_deep = color.bytes_per_pixel() > color.channel_count();
+            (lightness(path)?, if is_deep { u16::MAX } else { u16::from(u8::MAX) })
+        }
+    };
+    let limit = white_above(&values.data, largest);
+    Ok(values.map(|value| *value > limit))
+}
+
 /// Returns the limit above which a pixel of a mask counts as found: 0 in a mask of two values, else half
-/// of the largest possible value.
-fn white_above(picture: &[u16]) -> u16 {
+/// of the `largest` possible value.
+fn white_above(picture: &[u16], largest: u16) -> u16 {
     let some = picture.iter().copied().find(|value| *value > 0);
-    match picture.iter().max() {
-        _ if picture.iter().all(|value| *value == 0 || Some(*value) == some) => 0,
-        Some(most) if *most > u16::from(u8::MAX) => u16::MAX / 2,
-        _ => u16::from(u8::MAX / 2),
-    }
+    let has_two_values = picture.iter().all(|value| *value == 0 || Some(*value) == some);
+    if has_two_values { 0 } else { largest / 2 }
 }
 
 fn expect_size(path: &Path, found: (usize, usize), wanted: (usize, usize)) -> Result<()> {
@@ -275,58 +291,78 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Returns the frame and class of a picture that the record of an export lists.
+/// Returns the format of a file of an export, by the folder that the export wrote it to; `None` if it is no
+/// mask.
+fn mask_format(file: &ExportedFile) -> Option<Format> {
+    let (folder, _) = file.name.split_once('/')?;
+    MASKS.into_iter().find(|format| format.name() == folder)
+}
+
+/// Returns the frame and class of a mask that the record of an export lists.
 fn place_exported(
     path: &Path,
     file: &ExportedFile,
-    sequence: &Sequence,
+    format: Format,
     names: &Names<'_>,
 ) -> Option<(usize, Prediction)> {
-    let frame = file.frame.filter(|frame| *frame < sequence.num_frames())?;
+    let frame = file.frame.filter(|frame| *frame < names.num_frames)?;
+    let path = path.to_owned();
     let prediction = match &file.prompt {
-        Some(prompt) => Prediction::OfClass(names.class(prompt)?, path.to_owned()),
-        None => Prediction::Labels(path.to_owned()),
+        Some(prompt) if format == Format::Cutout => Prediction::Cutout(names.class(prompt)?, path),
+        Some(prompt) => Prediction::OfClass(names.class(prompt)?, path),
+        None => Prediction::Labels(path),
     };
     Some((frame, prediction))
 }
 
 /// Returns the frame and class of a picture by its name.
-fn place(path: &Path, root: &Path, sequence: &Sequence, names: &Names<'_>) -> Option<(usize, Prediction)> {
+fn place(path: &Path, root: &Path, names: &Names<'_>) -> Option<(usize, Prediction)> {
     let stem = path.file_stem()?.to_str()?;
     let parent = path.parent().filter(|p| *p != root).and_then(|p| p.file_name()).and_then(|n| n.to_str());
     let of_class = |id: u8| Prediction::OfClass(id, path.to_owned());
     let class = |name: &str| names.class(name);
     if let (Some(k), Some(id)) = (parent.and_then(|p| p.parse::<usize>().ok()), class(stem)) {
-        let frame = (0..sequence.num_frames()).filter(|&i| Sequence::is_test_frame(i)).nth(k)?;
+        let frame = (0..names.num_frames).filter(|&i| Sequence::is_test_frame(i)).nth(k)?;
         return Some((frame, of_class(id)));
     }
     if let Some(id) = parent.and_then(class) {
-        return Some((frame_of(stem, sequence)?, of_class(id)));
+        return Some((names.frame(stem)?, of_class(id)));
     }
-    let slugs = slugs(sequence.classes().iter().map(|c| c.name.as_str()));
-    for (class, slug) in sequence.classes().iter().zip(&slugs) {
-        if let Some(frame) = stem.strip_suffix(&format!("_{slug}")) {
-            return Some((frame_of(frame, sequence)?, of_class(class.id)));
+    for (class, slug) in names.classes.iter().zip(&names.slugs) {
+        if let Some(frame) = stem.strip_suffix(slug).and_then(|stem| stem.strip_suffix('_')) {
+            return Some((names.frame(frame)?, of_class(class.id)));
         }
     }
-    if let Some(frame) = frame_of(stem, sequence) {
+    if let Some(frame) = names.frame(stem) {
         return Some((frame, Prediction::Labels(path.to_owned())));
     }
     let (frame, words) = stem.rsplit_once('_')?;
-    Some((frame_of(frame, sequence)?, of_class(class(words)?)))
+    Some((names.frame(frame)?, of_class(class(words)?)))
 }
 
-/// The classes of a recording, by their names and by other words for them.
+/// The classes of a recording, by their names and by other words for them, and its frames.
 struct Names<'a> {
     classes: &'a [Class],
+    /// Names of the classes as they stand in names of files.
+    slugs: Vec<String>,
     interpreter: Interpreter<'static>,
+    /// The first frame of each name.
+    frames: HashMap<String, usize>,
+    num_frames: usize,
 }
 
 impl<'a> Names<'a> {
     fn of(sequence: &'a Sequence) -> Self {
         let classes = sequence.classes();
         let words: Vec<ClassWords> = classes.iter().map(|class| ClassWords::seen(&class.name, &[])).collect();
-        Self { classes, interpreter: Interpreter::new(Vocabulary::standard(), &words, None) }
+        let num_frames = sequence.num_frames();
+        Self {
+            classes,
+            slugs: slugs(classes.iter().map(|class| class.name.as_str())),
+            interpreter: Interpreter::new(Vocabulary::standard(), &words, None),
+            frames: (0..num_frames).rev().map(|i| (sequence.frame_name(i), i)).collect(),
+            num_frames,
+        }
     }
 
     /// Returns the id of the one class that a name means.
@@ -341,12 +377,13 @@ impl<'a> Names<'a> {
             _ => None,
         }
     }
-}
 
-fn frame_of(name: &str, sequence: &Sequence) -> Option<usize> {
-    let by_name = (0..sequence.num_frames()).find(|&i| sequence.frame_name(i) == name);
-    let digits = name.len() - name.bytes().rev().take_while(u8::is_ascii_digit).count();
-    by_name.or_else(|| name[digits..].parse().ok().filter(|i| *i < sequence.num_frames()))
+    /// Returns the frame that is called so, or whose number, counted from 0, the name ends in.
+    fn frame(&self, name: &str) -> Option<usize> {
+        let digits = name.len() - name.bytes().rev().take_while(u8::is_ascii_digit).count();
+        let by_number = || name[digits..].parse().ok().filter(|i| *i < self.num_frames);
+        self.frames.get(name).copied().or_else(by_number)
+    }
 }
 
 #[cfg(test)]
@@ -421,8 +458,28 @@ mod tests {
 
     #[test]
     fn white_is_what_is_not_nothing_or_the_brighter_half() {
-        assert_eq!([&[0, 1, 1][..], &[0, 38], &[255], &[0, 9000]].map(white_above), [0; 4]);
-        assert_eq!((white_above(&[0, 1, 200]), white_above(&[3, 500, 65535])), (127, 32767));
+        let two_values = [&[0, 1, 1][..], &[0, 38], &[255], &[0, 9000]];
+        assert_eq!(two_values.map(|picture| white_above(picture, 255)), [0; 4]);
+        assert_eq!((white_above(&[0, 1, 200], 255), white_above(&[3, 50, 90], 65535)), (127, 32767));
+    }
+
+    #[test]
+    fn faint_scores_of_16_bits_are_no_mask() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("faint.png");
+        image::ImageBuffer::<Luma<u16>, _>::from_fn(8, 8, |x, y| Luma([30 * (x + y) as u16]))
+            .save(&path)
+            .unwrap();
+        assert_eq!(found_in(&path, false).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_cut_out_of_everything_is_found_everywhere() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("all.png");
+        image::RgbaImage::from_fn(8, 8, |x, y| image::Rgba([(x * y) as u8, 9, 9, 255])).save(&path).unwrap();
+        assert_eq!(found_in(&path, true).unwrap().count(), 64);
+        assert_eq!(found_in(&path, false).unwrap().count(), 0, "a dark picture is no mask");
     }
 
     #[test]
@@ -535,7 +592,7 @@ mod tests {
         assert_eq!(sequence.frame_name(8), "frame_000009");
         let folder = tempfile::tempdir().unwrap();
         let mut how = plain_provenance();
-        how.options.formats = vec![Format::Binary, Format::Index];
+        how.options.formats = vec![Format::Binary, Format::Index, Format::Overlay, Format::Score];
         let scores = vec![Grid::filled(32, 24, 0.9); how.prompts.len()];
         let mut export = Export::begin(folder.path(), vec![9], how).unwrap();
         export.write(&image::RgbImage::new(32, 24), &scores, None).unwrap();
@@ -544,6 +601,8 @@ mod tests {
         for inside in ["", "binary", "index"] {
             assert_eq!(frames(&folder.path().join(inside)), [9], "{inside}");
         }
+        let overlays = PredictedMasks::open(&folder.path().join("overlay"), &sequence).unwrap_err();
+        assert!(overlays.to_string().contains("no mask"), "{overlays}");
         assert_eq!(frames(&labels).len(), 12);
         // Without a record, recorded names count.
         std::fs::remove_file(folder.path().join(PROVENANCE_FILE)).unwrap();

@@ -242,15 +242,23 @@ impl Trainer {
 
     /// Plans the next step: the frame and its pixels.
     fn next_plan(&mut self) -> Result<StepPlan> {
-        if self.state.queue.is_empty() {
-            self.update_poses()?;
+        let moves_cameras = self.state.queue.is_empty() && self.learns_poses();
+        if moves_cameras {
+            self.synchronise()?;
         }
         let before = (self.state.queue.clone(), self.state.rng.clone());
+        let poses_before = moves_cameras.then(|| (self.state.poses.clone(), self.sequence.clone()));
+        if moves_cameras {
+            self.update_poses();
+        }
         let index = self.next_frame();
         let view = self.next_view(index);
         let frame = self.cache.get(self.prepared.as_ref(), index, view.half).inspect_err(|_| {
             // The step was not begun and can be repeated once the frame can be read.
             (self.state.queue, self.state.rng) = before;
+            if let Some(poses) = poses_before {
+                (self.state.poses, self.sequence) = poses;
+            }
         })?;
         let loses_step = self.applied.densify.loses_step;
         let updates = !(loses_step && self.applied.densifies_at(self.state.step + 1));
@@ -279,13 +287,13 @@ impl Trainer {
         self.terms = outcome.terms.unwrap_or(self.terms);
     }
 
-    /// Moves the cameras by what was learned in a whole round.
-    fn update_poses(&mut self) -> Result<()> {
-        let is_still = self.state.poses.is_empty() || self.applied.rates.pose == 0.0;
-        if is_still || self.state.step == 0 {
-            return Ok(());
-        }
-        self.synchronise()?;
+    /// Returns `true` if the cameras move after each round.
+    fn learns_poses(&self) -> bool {
+        !self.state.poses.is_empty() && self.applied.rates.pose > 0.0 && self.state.step > 0
+    }
+
+    /// Moves the cameras by what was learned in a whole round, all of whose results are there.
+    fn update_poses(&mut self) {
         let progress = self.progress();
         let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let rates =
@@ -294,7 +302,6 @@ impl Trainer {
         let times: Vec<f32> = (0..num_frames).map(|i| self.time(i)).collect();
         self.state.poses.update(&self.applied.frames(num_frames), &times, rates);
         self.sequence = self.state.posed(&self.sequence);
-        Ok(())
     }
 
     /// Share of the steps that are done.

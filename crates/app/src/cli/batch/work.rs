@@ -93,7 +93,7 @@ pub(super) fn make_room(task: &mut Task, status: &Status) -> Result<()> {
             }
             // Chapters that lie beside the scene are of these settings, too.
             args.resume = checkpoint.exists() || goes_on && !jobs::begun_chapters(&task.output).is_empty();
-            args.force = !args.resume;
+            args.force = true;
         }
         StepVerb::Eval(args) => args.force = true,
         StepVerb::Export(args) => args.force = true,
