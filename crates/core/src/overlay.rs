@@ -135,10 +135,6 @@ impl<'a> OverlayPrompt<'a> {
     }
 }
 
-/// Amount by which the halo on either side of a contour darkens the frame. It keeps contours visible on any
-/// tissue.
-pub const HALO_DARKNESS: f32 = 0.6;
-
 /// Draws `prompts` over `frame`: [`overlay_layers`] at a `size` of columns and rows, and [`outlines`] on top.
 /// Lines are drawn at this size: those of a larger picture would fade or show its pixels.
 pub fn overlay(

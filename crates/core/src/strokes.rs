@@ -1,6 +1,6 @@
 //! Draws smooth lines on pictures, with soft edges and a dark halo.
 
-use crate::{grid::Grid, mask::BorderLine, overlay::HALO_DARKNESS};
+use crate::{grid::Grid, mask::BorderLine};
 use image::RgbImage;
 
 /// Number of rows of a picture for each pixel of a line's width.
@@ -9,6 +9,9 @@ const ROWS_PER_PX: f32 = 270.0;
 const LEAST_WIDTH: f32 = 2.0;
 /// Width of the halo on either side of a line, as share of the line's width.
 pub const HALO: f32 = 0.5;
+/// Amount by which the halo on either side of a contour darkens the frame. It keeps contours visible on any
+/// tissue.
+pub const HALO_DARKNESS: f32 = 0.6;
 /// Length of a dash and of the gap behind it, in widths of the line.
 const DASH: f32 = 4.0;
 

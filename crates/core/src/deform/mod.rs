@@ -31,6 +31,9 @@ const FOLLOW_DAMPING: f64 = 1e-4;
 /// Length of time, as a share of a recording, that basis functions are spread over at least.
 const SHORTEST_SPAN: f32 = 1e-5;
 
+/// δ of the released code's gate, which reads the channels of scale (method §3.3).
+pub const RELEASED_GATE_SLOPE: f32 = 1.5;
+
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
 pub const MEAN_CHANNEL: usize = 0;
 /// Δ quaternion (w, x, y, z), added before normalising.

@@ -16,6 +16,7 @@ mod output_file;
 mod paths;
 mod place;
 mod record;
+mod temporary;
 #[cfg(test)]
 mod tests;
 mod whole;

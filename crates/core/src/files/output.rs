@@ -3,7 +3,8 @@
 use super::{
     lock::{Lock, short_hash},
     place::{Inputs, real_place, require_outside_of_outputs},
-    record::{RECORD_FILE, Record, TEMPORARY, is_free_folder, is_own},
+    record::{RECORD_FILE, Record, is_free_folder, is_own},
+    temporary::TEMPORARY,
     whole::sync_parent,
 };
 use crate::{Error, Remedy, Result};

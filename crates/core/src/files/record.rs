@@ -4,7 +4,7 @@
 //! Each line is one JSON value. A file is noted before it is written, by adding a line. A line that was
 //! cut off by a kill is skipped.
 
-use super::whole::without_name;
+use super::temporary::{TEMPORARY, without_name};
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
@@ -20,9 +20,6 @@ pub(super) const RECORD_FILE: &str = ".surgtpgs";
 
 /// Name of the lock of an output folder, inside it.
 pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
-
-/// First part of the names of files that are being written.
-pub(super) const TEMPORARY: &str = ".part-";
 
 /// Largest size of a record in bytes: that of some million files.
 const MOST_RECORD: u64 = 1 << 28;

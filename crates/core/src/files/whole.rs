@@ -1,6 +1,9 @@
 //! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
-use super::record::{Record, TEMPORARY, recorded_above};
+use super::{
+    record::{Record, recorded_above},
+    temporary::{TEMPORARY, without_name},
+};
 use crate::{Error, Result};
 use std::{
     io::{ErrorKind, Seek, SeekFrom, Write},
@@ -116,36 +119,9 @@ impl Seek for WholeFile {
     }
 }
 
-/// Leaves the name of a temporary file out of an error: it means nothing to anybody.
-pub(super) fn without_name(fault: std::io::Error) -> std::io::Error {
-    match fault.to_string().split_once(" at path ") {
-        Some((cause, _)) => std::io::Error::new(fault.kind(), cause),
-        None => fault,
-    }
-}
-
 /// Syncs the parent folder: without it, a power cut may undo the renaming.
 pub(super) fn sync_parent(path: &Path) {
     let folder =
         path.parent().filter(|p| p.as_os_str() != std::ffi::OsStr::new("")).unwrap_or(Path::new("."));
     let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nobody_is_told_the_name_of_a_temporary_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let fault = || {
-            let mut builder = tempfile::Builder::new();
-            builder.prefix(TEMPORARY).tempfile_in(folder.path().join("none")).unwrap_err()
-        };
-        assert!(fault().to_string().contains(TEMPORARY));
-        let told = without_name(fault());
-        assert!(!told.to_string().is_empty() && !told.to_string().contains(TEMPORARY), "{told}");
-        assert_eq!(told.kind(), ErrorKind::NotFound);
-        assert_eq!(without_name(std::io::Error::other("it broke")).to_string(), "it broke");
-    }
 }

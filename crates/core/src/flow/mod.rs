@@ -21,7 +21,7 @@ pub(crate) use pyramid::{around, halved};
 pub use ways::{joined, luma, mended};
 
 use crate::grid::Grid;
-use search::PATCH;
+use pyramid::PATCH;
 
 /// Displacement in px, to the right and down.
 pub type Vector = [f32; 2];

@@ -1,9 +1,11 @@
 //! Images at several sizes, and their values between pixels.
 
-use super::{Vector, search::PATCH};
+use super::Vector;
 use crate::grid::Grid;
 use rayon::prelude::*;
 
+/// Width and height of a patch, px.
+pub(super) const PATCH: usize = 8;
 /// Pixels at least that one thread takes at once.
 const PIXELS_AT_ONCE: usize = 4096;
 

@@ -1,11 +1,12 @@
 //! Inverse search of patches, and the dense flow that they agree on (Kroeger et al. 2016, §2.1 and §2.2).
 
-use super::{Vector, pyramid};
+use super::{
+    Vector,
+    pyramid::{self, PATCH},
+};
 use crate::grid::Grid;
 use rayon::prelude::*;
 
-/// Width and height of a patch, px.
-pub(super) const PATCH: usize = 8;
 /// Distance of neighbouring patches, px.
 const STRIDE: usize = 3;
 /// Rows of patches that are searched one after the other. Vectors spread within these rows only, so that the

@@ -26,15 +26,6 @@ const MIN_AUC: f32 = 0.75;
 /// agree on them.
 const OF_WORDS: [f64; 4] = [-0.6, 2.1, 2.8, 5.5];
 
-/// A prompt in an encoder's space.
-#[derive(Clone, Debug)]
-pub(super) struct Query {
-    /// The centred unit embedding.
-    pub embedding: Vec<f32>,
-    /// Its largest cosine with the words of each concept.
-    pub concepts: Vec<f32>,
-}
-
 /// Odds, by an encoder's cosines, that two words mean the same: learned from one half of the synonyms of the
 /// lexicon, each asked as if it were in no list.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -90,12 +81,7 @@ impl Fit {
     }
 
     /// The concept that words in no list mean most probably, if that is more probable than not.
-    pub(super) fn concept_meant(
-        &self,
-        vocabulary: &Vocabulary,
-        phrase: &Phrase,
-        cosines: &[f32],
-    ) -> Option<usize> {
+    fn concept_meant(&self, vocabulary: &Vocabulary, phrase: &Phrase, cosines: &[f32]) -> Option<usize> {
         let odds = |concept: usize| {
             let words = content_words(vocabulary, concept, None);
             let clues = vocabulary.clues(phrase, &words, Some(concept))?;
@@ -105,6 +91,20 @@ impl Fit {
         };
         let likely = (0..cosines.len()).filter_map(|concept| Some((odds(concept)?, concept)));
         likely.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, concept)| concept)
+    }
+}
+
+impl Space<'_> {
+    /// Returns the concepts that are no rivals of a prompt: the one that it is listed under and those near to
+    /// it; for words in no list, the one that the encoder takes for the same.
+    pub fn same_as(&self, fit: &Fit, prompt: &str, embedding: &[f32]) -> Vec<usize> {
+        let vocabulary = self.vocabulary();
+        let phrase = vocabulary.phrase(prompt);
+        let same = match vocabulary.look_up(&phrase) {
+            Some((concept, _)) => Some(concept),
+            None => fit.concept_meant(vocabulary, &phrase, &self.query(embedding).concepts),
+        };
+        same.into_iter().flat_map(|concept| [&[concept], vocabulary.near(concept)].concat()).collect()
     }
 }
 
@@ -256,15 +256,4 @@ impl Floors {
 /// The cosine of a centred unit embedding with the name of each class; `mean` is what embeddings lose.
 pub(super) fn name_cosines(embedding: &[f32], mean: &[f32], classes: &[Class]) -> Vec<f32> {
     classes.iter().map(|class| num::dot(&centred(&class.embedding, mean), embedding)).collect()
-}
-
-impl Query {
-    /// The cosine with each class: with its name or with a word of its concept, whichever is larger.
-    pub(super) fn class_cosines(&self, space: &Space<'_>, classes: &[Class]) -> Vec<f32> {
-        let cosine = |class: &Class| {
-            let own = num::dot(&space.centred(&class.embedding), &self.embedding);
-            class.concept.map_or(own, |concept| own.max(self.concepts[concept]))
-        };
-        classes.iter().map(cosine).collect()
-    }
 }

@@ -28,10 +28,10 @@ pub use space::{Encode, Space};
 pub use vocabulary::{Concept, Vocabulary};
 
 use crate::num;
-use calibration::{Query, name_cosines};
+use calibration::name_cosines;
 use classes::Class;
 use grammar::{KeyFit, Phrase};
-use space::{centred, largest};
+use space::{Query, centred, largest};
 use std::{collections::BTreeSet, fmt};
 use vocabulary::Path;
 

@@ -1,9 +1,6 @@
 //! The vocabulary as a text encoder sees it.
 
-use super::{
-    calibration::{Fit, Query},
-    vocabulary::Vocabulary,
-};
+use super::{classes::Class, vocabulary::Vocabulary};
 use crate::{Error, Result, hash::sha256, num};
 use half::f16;
 use ndarray::{Array2, ArrayView1};
@@ -107,17 +104,6 @@ impl<'v> Space<'v> {
         self.vocabulary.concepts().iter().map(|concept| concept.name.as_str()).zip(rows)
     }
 
-    /// Returns the concepts that are no rivals of a prompt: the one that it is listed under and those near to
-    /// it; for words in no list, the one that the encoder takes for the same.
-    pub fn same_as(&self, fit: &Fit, prompt: &str, embedding: &[f32]) -> Vec<usize> {
-        let phrase = self.vocabulary.phrase(prompt);
-        let same = match self.vocabulary.look_up(&phrase) {
-            Some((concept, _)) => Some(concept),
-            None => fit.concept_meant(self.vocabulary, &phrase, &self.query(embedding).concepts),
-        };
-        same.into_iter().flat_map(|concept| [&[concept], self.vocabulary.near(concept)].concat()).collect()
-    }
-
     /// A vector without the mean of the concepts, as a unit vector.
     pub(super) fn centred(&self, vector: &[f32]) -> Vec<f32> {
         centred(vector, &self.mean)
@@ -161,6 +147,26 @@ impl<'v> Space<'v> {
             let concepts = self.best_of_concepts(self.words.dot(&row).view(), None);
             (text, Query { embedding: row.to_vec(), concepts })
         })
+    }
+}
+
+/// A prompt in an encoder's space.
+#[derive(Clone, Debug)]
+pub(super) struct Query {
+    /// The centred unit embedding.
+    pub embedding: Vec<f32>,
+    /// Its largest cosine with the words of each concept.
+    pub concepts: Vec<f32>,
+}
+
+impl Query {
+    /// The cosine with each class: with its name or with a word of its concept, whichever is larger.
+    pub(super) fn class_cosines(&self, space: &Space<'_>, classes: &[Class]) -> Vec<f32> {
+        let cosine = |class: &Class| {
+            let own = num::dot(&space.centred(&class.embedding), &self.embedding);
+            class.concept.map_or(own, |concept| own.max(self.concepts[concept]))
+        };
+        classes.iter().map(cosine).collect()
     }
 }
 

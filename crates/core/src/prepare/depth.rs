@@ -2,7 +2,7 @@
 //! and kept in the prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
 
 use super::{
-    drift::log_scales,
+    drift::{SAMPLES, log_scales},
     finish::clear_folder,
     kept::{self, digest},
 };
@@ -34,8 +34,6 @@ const TRIED: usize = 8;
 const MIN_USABLE: f64 = 0.5;
 /// Smallest and largest factor that the depth of a frame may span, the extremes left out.
 const SPAN: [f32; 2] = [1.001, 1e4];
-/// Number of places along each side that are compared over time.
-pub(super) const SAMPLES: usize = 48;
 /// Correlation of brightness with depth above which something is wrong: endoscopes light near surfaces more.
 const MAX_CORRELATION: f64 = 0.3;
 

@@ -2,7 +2,6 @@
 //! own. Before a still camera most of the surface stays in place, so scales can be separated from motion. A
 //! camera that moves comes nearer, which its path tells from a change of scale.
 
-use super::depth::SAMPLES;
 use crate::{
     Result,
     camera::Camera,
@@ -14,6 +13,8 @@ use crate::{
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// Number of places along each side that are compared over time.
+pub(super) const SAMPLES: usize = 48;
 /// Number of frames that all others are compared with: enough that no single one matters.
 const REFERENCES: usize = 48;
 /// Number of neighbouring frames by which the motion of a scope is judged at once.

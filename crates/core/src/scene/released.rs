@@ -1,18 +1,19 @@
 //! The released form of a scene: what the released code can express, as near to the scene as may be (method
 //! §6.5).
 
-use super::{
-    Scene,
-    fit::fit_motion,
-    ply::{DIM, GATE_SLOPE, GEOMETRY},
-};
+use super::{Scene, fit::fit_motion};
 use crate::deform::{
-    BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, SCALE_CHANNEL, deform,
+    BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, RELEASED_GATE_SLOPE, SCALE_CHANNEL,
+    deform,
 };
 use std::ops::Range;
 
 /// Largest number of basis functions in the released code's form.
 pub const RELEASED_BASES: usize = 17;
+/// Number of deformed channels in the released configuration: centre, quaternion, log-scale, in our order.
+pub(super) const GEOMETRY: usize = COLOUR_CHANNEL;
+/// Number of latent values of the released code.
+pub(super) const DIM: usize = 3;
 /// √(σ² + 1e-4) of bases that replace others, in units of the distance between two centres. Of values from
 /// 0.7 to 3 this one follows 17 splines best.
 const FITTED_WIDTH: f32 = 1.6;
@@ -58,7 +59,7 @@ impl Scene {
         if !self.has_released_gate() {
             released.feature_weight = vec![0.0; latent_dim * (latent_dim + 1)];
             released.feature_bias = vec![0.0; latent_dim];
-            (released.gate_channel, released.gate_slope) = (SCALE_CHANNEL, GATE_SLOPE);
+            (released.gate_channel, released.gate_slope) = (SCALE_CHANNEL, RELEASED_GATE_SLOPE);
         }
         released
     }
@@ -102,7 +103,9 @@ impl Scene {
 
     fn has_released_gate(&self) -> bool {
         let d = &self.deformation;
-        self.gaussians.latent_dim == DIM && d.gate_channel == SCALE_CHANNEL && d.gate_slope == GATE_SLOPE
+        self.gaussians.latent_dim == DIM
+            && d.gate_channel == SCALE_CHANNEL
+            && d.gate_slope == RELEASED_GATE_SLOPE
     }
 
     /// Returns `true` if any of these channels moves.

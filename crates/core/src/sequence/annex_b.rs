@@ -3,14 +3,12 @@
 
 use super::{
     edit_list::Cut,
-    h264::{IDR_SLICE, SEQUENCE_PARAMETERS, is_slice},
     mp4::{CodedPicture, Description, Framing, MAX_PICTURES, Mp4},
+    nal::{IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
 };
 use crate::reading::Pieces;
 use std::io::Read;
 
-/// The bytes before each NAL unit.
-pub(super) const START_CODE: [u8; 3] = [0, 0, 1];
 /// NAL unit types that begin a new picture if they follow a slice (H.264, 7.4.1.2.3), besides slices.
 const BEGINNINGS: [u8; 9] = [6, 7, 8, 9, 14, 15, 16, 17, 18];
 const PICTURE_PARAMETERS: u8 = 8;
@@ -21,11 +19,6 @@ const CHUNK: usize = 1 << 20;
 const HEAD: usize = 2;
 /// Largest parameter set, bytes.
 const MOST_PARAMETERS: usize = 1 << 12;
-
-/// Returns the place of the first start code.
-pub(super) fn start_code(bytes: &[u8]) -> Option<usize> {
-    bytes.windows(START_CODE.len()).position(|window| window == START_CODE)
-}
 
 /// Returns `true` if a stream begins with a start code of H.264 or H.265.
 pub(super) fn is_bare(head: &[u8]) -> bool {

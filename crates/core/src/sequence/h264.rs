@@ -5,10 +5,10 @@
 //! kept in a [`Cache`]. Colours follow BT.601 with limited range, whatever the file says.
 
 use super::{
-    annex_b,
     decoding::{Cache, Decoding, Position},
     edit_list::Cut,
     mp4::{CodedPicture, Description, Framing, Mp4},
+    nal::{IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
     read,
 };
 use crate::{
@@ -28,9 +28,6 @@ use std::{
     path::Path,
     sync::{Arc, Mutex, PoisonError},
 };
-
-/// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
-pub(super) const IDR_SLICE: u8 = 5;
 
 /// An H.264 video.
 pub(super) struct H264 {
@@ -360,8 +357,8 @@ fn units(sample: &[u8], framing: Framing) -> impl Iterator<Item = &[u8]> {
             Some(unit)
         }
         Framing::StartCodes => {
-            let begin = annex_b::start_code(rest)? + annex_b::START_CODE.len();
-            let length = annex_b::start_code(&rest[begin..]).unwrap_or(rest.len() - begin);
+            let begin = start_code(rest)? + START_CODE.len();
+            let length = start_code(&rest[begin..]).unwrap_or(rest.len() - begin);
             let (unit, tail) = rest[begin..].split_at(length);
             rest = tail;
             // Zeros after a unit belong to the next start code.
@@ -370,14 +367,6 @@ fn units(sample: &[u8], framing: Framing) -> impl Iterator<Item = &[u8]> {
         }
     })
 }
-
-/// Returns `true` if a NAL unit holds a part of a picture.
-pub(super) fn is_slice(unit: &[u8]) -> bool {
-    unit.first().is_some_and(|head| (1..=IDR_SLICE).contains(&(head & 31)))
-}
-
-/// NAL unit type of a sequence parameter set (H.264, table 7-1).
-pub(super) const SEQUENCE_PARAMETERS: u8 = 7;
 
 /// Returns `true` if a sequence parameter set says that colour has half the resolution of brightness in both
 /// directions (4:2:0), the only form that the decoder knows (H.264, 7.3.2.1.1).

@@ -40,6 +40,7 @@ mod labels;
 mod layouts;
 mod lens;
 mod mp4;
+mod nal;
 pub(crate) mod pace;
 mod read;
 mod recording;

@@ -4,7 +4,7 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::{TrainSettings, seeds};
+use super::{TrainSettings, seeds, settings::OVERLAP};
 use crate::{
     Error, Result,
     num::spread,
@@ -16,8 +16,6 @@ use crate::{
 };
 use std::{collections::BTreeMap, ops::Range};
 
-/// Number of frames of a neighbour that a chapter learns from.
-pub(super) const OVERLAP: usize = 8;
 /// Number of frames that a shot has at least to be a chapter of its own.
 const SHORTEST: usize = 8;
 /// Most chapters that the lens of a shot is looked for in.

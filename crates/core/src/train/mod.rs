@@ -60,7 +60,8 @@ use crate::{
 };
 use frames::FrameCache;
 use rand::Rng;
-use state::{TrainState, spread};
+use seeds::spread;
+use state::TrainState;
 use std::{path::Path, sync::Arc};
 
 /// Number of frames that [`Trainer::psnr_db`] uses if none is held out.

@@ -1,12 +1,12 @@
 //! The frames that the first Gaussians come from (method §2.1). One that shows nothing tells of no colour,
 //! and has another one in its place.
 
-use super::state::spread;
 use crate::{
     Result,
     camera::Camera,
     gaussian::init::SeedFrame,
     grid::Mask,
+    num,
     poses::ScopePath,
     sequence::{Sequence, shots},
 };
@@ -19,6 +19,16 @@ const SEED_FRAMES: usize = 8;
 /// Chooses those of `frames` that Gaussians begin with.
 fn seed_frames(frames: &[usize]) -> Vec<usize> {
     spread(frames, SEED_FRAMES)
+}
+
+/// Chooses at most `count` of `frames`, evenly spread, the middle one first.
+pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
+    let mut picked: Vec<usize> = num::spread(frames.len(), count).map(|k| frames[k]).collect();
+    let middle = picked.len() / 2;
+    if !picked.is_empty() {
+        picked.swap(0, middle);
+    }
+    picked
 }
 
 /// Returns `true` if masks and field of view leave something of a frame to learn from.

@@ -2,7 +2,7 @@
 //! switches of their own, so that both can be compared, but for those that method §0.1 calls not imitated
 //! (method §0.1, §6, §11.1).
 
-use super::{Quality, chapters::OVERLAP, loss::LossWeights};
+use super::{Quality, loss::LossWeights};
 use crate::{
     deform::{BasisShape, default_bases, length_warning},
     prepare::{Origin, Prepared},
@@ -24,6 +24,8 @@ pub enum Profile {
 
 /// Number of frames of a chapter at most.
 pub(super) const CHAPTER_FRAMES: usize = 96;
+/// Number of frames of a neighbour that a chapter learns from.
+pub(super) const OVERLAP: usize = 8;
 
 /// Order in which frames are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -14,7 +14,7 @@ use crate::{
         Gaussians,
         init::{self, SeedSettings},
     },
-    num::{self, percentile},
+    num::percentile,
     poses::{self, ScopePath, Timeline, Verdict},
     prepare::Prepared,
     progress::Observer,
@@ -175,16 +175,6 @@ fn budget(first: usize, settings: &TrainSettings) -> usize {
     // The conversion turns infinity into the largest integer.
     let by_pixels = first as f32 * settings.px_per_gaussian.max(1.0) / d.min_px_per_gaussian.max(0.0);
     d.max_gaussians.min((by_pixels as usize).max(first))
-}
-
-/// Chooses at most `count` of `frames`, evenly spread, the middle one first.
-pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
-    let mut picked: Vec<usize> = num::spread(frames.len(), count).map(|k| frames[k]).collect();
-    let middle = picked.len() / 2;
-    if !picked.is_empty() {
-        picked.swap(0, middle);
-    }
-    picked
 }
 
 /// Estimates the path of a camera that is not known, or points that a known one sees; it has no poses if the

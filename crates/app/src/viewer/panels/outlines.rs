@@ -2,7 +2,7 @@
 
 use crate::viewer::{picture::request::Outlines, theme};
 use egui::{Color32, Painter, Pos2, Rect, Shape, Stroke, pos2};
-use surgtpgs_core::{overlay::HALO_DARKNESS, strokes::HALO};
+use surgtpgs_core::strokes::{HALO, HALO_DARKNESS};
 
 /// Width of a line, points.
 const WIDTH: f32 = 2.5;

@@ -4,7 +4,6 @@ mod reference;
 mod splats;
 mod table;
 
-pub(super) use reference::{DIM, GATE_SLOPE, GEOMETRY};
 pub use reference::{LANG_DEFORMATION_FILE, ReferenceWeights};
 pub(super) use splats::drop_empty_bands;
 

@@ -8,23 +8,21 @@ use super::{
 };
 use crate::{
     deform::{
-        BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, SCALE_CHANNEL, num_channels, stride_for,
+        BasisShape, Deformation, GATE_CHANNEL, RELEASED_GATE_SLOPE, SCALE_CHANNEL, num_channels, stride_for,
     },
     gaussian::MAX_SH_BANDS,
     reading::weights_beside,
-    scene::{MADE_BY, Problem, RELEASED_BASES as BASES, Scene, still::camera_at_origin},
+    scene::{
+        MADE_BY, Problem, RELEASED_BASES as BASES, Scene,
+        released::{DIM, GEOMETRY},
+        still::camera_at_origin,
+    },
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::path::Path;
 
-/// Number of deformed channels in the released configuration: centre, quaternion, log-scale, in our order.
-pub(in crate::scene) const GEOMETRY: usize = COLOUR_CHANNEL;
 /// Kinds of coefficients: weights, centres, widths.
 const KINDS: usize = 3;
-/// Number of its latent values.
-pub(in crate::scene) const DIM: usize = 3;
-/// δ of its gate, which reads the channels of scale (method §3.3).
-pub(in crate::scene) const GATE_SLOPE: f32 = 1.5;
 /// Number of frames of a scene that comes without its recording: that of a CholecSeg8K clip.
 const FRAMES: usize = 80;
 /// The feature network's file beside the `.ply`: `safetensors.torch.save_file` of the contents of
@@ -209,7 +207,7 @@ pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) ->
         weights: next(),
         centres: next(),
         widths: next(),
-        gate_slope: GATE_SLOPE,
+        gate_slope: RELEASED_GATE_SLOPE,
         gate_channel: if channels == GEOMETRY { SCALE_CHANNEL } else { GATE_CHANNEL },
         feature_weight: vec![0.0; latent_dim * (latent_dim + 1)],
         feature_bias: vec![0.0; latent_dim],
@@ -234,7 +232,7 @@ mod tests {
     fn released() -> Scene {
         let mut scene = stress::ordinary(7);
         let wave = |i: usize| (i as f32 * 0.37).sin();
-        let mut d = Deformation::at_rest(7, DIM, BASES, 0.01, GATE_SLOPE).with_own_bases();
+        let mut d = Deformation::at_rest(7, DIM, BASES, 0.01, RELEASED_GATE_SLOPE).with_own_bases();
         (d.shape, d.gate_channel) = (BasisShape::Quartic, SCALE_CHANNEL);
         for (k, values) in [&mut d.weights, &mut d.centres, &mut d.widths].into_iter().enumerate() {
             for (i, v) in values.iter_mut().enumerate().filter(|(i, _)| i % d.stride < GEOMETRY) {

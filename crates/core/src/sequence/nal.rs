@@ -1,0 +1,18 @@
+//! NAL units of H.264: how they are told apart, and the start codes before them (annex B).
+
+/// The bytes before each NAL unit.
+pub(super) const START_CODE: [u8; 3] = [0, 0, 1];
+/// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
+pub(super) const IDR_SLICE: u8 = 5;
+/// NAL unit type of a sequence parameter set (H.264, table 7-1).
+pub(super) const SEQUENCE_PARAMETERS: u8 = 7;
+
+/// Returns `true` if a NAL unit holds a part of a picture.
+pub(super) fn is_slice(unit: &[u8]) -> bool {
+    unit.first().is_some_and(|head| (1..=IDR_SLICE).contains(&(head & 31)))
+}
+
+/// Returns the place of the first start code.
+pub(super) fn start_code(bytes: &[u8]) -> Option<usize> {
+    bytes.windows(START_CODE.len()).position(|window| window == START_CODE)
+}
