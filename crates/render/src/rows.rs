@@ -6,7 +6,7 @@ use surgtpgs_core::{
     deform::Deformed,
     gaussian::Gaussians,
     raster::{
-        FRUSTUM_GUARD, TILE,
+        TILE, jacobian_guard,
         project::{Sampling, Splat, SplatGradient},
     },
 };
@@ -133,9 +133,8 @@ impl ViewParams {
         let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
         let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
         let guard = |size: u32, focal: f32, centre: f32| {
-            let (size, focal, centre) = (f64::from(size), f64::from(focal), f64::from(centre));
-            let slack = (f64::from(FRUSTUM_GUARD) - 1.0) * 0.5 * size;
-            (((-centre - slack) / focal) as f32, ((size - centre + slack) / focal) as f32)
+            let (low, high) = jacobian_guard(size, focal, centre);
+            (low as f32, high as f32)
         };
         let (x, y) = (guard(camera.width, camera.fx, camera.cx), guard(camera.height, camera.fy, camera.cy));
         Self {

@@ -1,4 +1,4 @@
-//! Constants of the rasterizer, shared with the shaders.
+//! Limits of the rasterizer, shared with the shaders.
 
 /// Edge of a tile, px.
 pub const TILE: usize = 16;
@@ -14,6 +14,14 @@ pub const MAX_ALPHA: f32 = 0.99;
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// Guard of the EWA Jacobian, which is evaluated within this multiple of the image's half-extent.
 pub const FRUSTUM_GUARD: f32 = 1.3;
+
+/// Returns the lowest and the highest x/z (or y/z) at which the Jacobian is evaluated: `size` and `centre` of
+/// the image and the focal length along this axis, px.
+pub fn jacobian_guard(size: u32, focal: f32, centre: f32) -> (f64, f64) {
+    let (size, focal, centre) = (f64::from(size), f64::from(focal), f64::from(centre));
+    let slack = (f64::from(FRUSTUM_GUARD) - 1.0) * 0.5 * size;
+    ((-centre - slack) / focal, (size - centre + slack) / focal)
+}
 
 /// Smallest accumulated opacity of a pixel whose depth is shown.
 pub const MIN_DEPTH_ALPHA: f32 = 0.5;

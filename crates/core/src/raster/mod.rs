@@ -14,7 +14,8 @@ mod tile;
 
 pub use images::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE, Images};
 pub use limits::{
-    DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, MIN_EXTENT, MIN_TRANSMITTANCE, NEAR, TILE,
+    DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, MIN_EXTENT, MIN_TRANSMITTANCE, NEAR,
+    TILE, jacobian_guard,
 };
 pub use pick::{Pick, pick};
 pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};

@@ -1,7 +1,7 @@
 //! Projection of one Gaussian at time t onto the image plane (method §4.1–4.2); twin of
 //! `shaders/project.wgsl`.
 
-use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
+use super::{DILATION, MIN_ALPHA, MIN_EXTENT, NEAR, jacobian_guard, sh};
 use crate::{
     camera::{Camera, Twist},
     deform::{Deformed, Geometry},
@@ -30,9 +30,8 @@ impl<T: Real> CameraView<T> {
         let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
         let position = camera.position_in_world();
         let guard = |size: u32, focal: f32, centre: f32| {
-            let (size, focal, centre) = (f64::from(size), f64::from(focal), f64::from(centre));
-            let slack = (f64::from(FRUSTUM_GUARD) - 1.0) * 0.5 * size;
-            (T::of((-centre - slack) / focal), T::of((size - centre + slack) / focal))
+            let (low, high) = jacobian_guard(size, focal, centre);
+            (T::of(low), T::of(high))
         };
         Self {
             rotation: std::array::from_fn(|i| std::array::from_fn(|j| T::from_f32(m.col(j)[i]))),
