@@ -34,7 +34,7 @@ pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
 pub use fit_camera::fit_camera;
 pub use frames::TrainFrame;
 pub use loss::{
-    LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, NUM_TERMS, Scales, TermScales, Truth, loss,
+    LossTerms, LossWeights, MIN_LOSS_ALPHA, MIN_LOSS_DEPTH, NUM_TERMS, Scales, TermScales, Truth, loss,
 };
 pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};

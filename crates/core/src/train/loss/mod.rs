@@ -123,9 +123,9 @@ impl<T: Real> LossTerms<T> {
 }
 
 /// Smallest accumulated opacity of a pixel whose depth is compared.
-pub const MIN_DEPTH_ALPHA: f64 = 0.5;
+pub const MIN_LOSS_ALPHA: f64 = 0.5;
 /// Smallest rendered depth (scene units) that counts: its inverse squared must fit into f32.
-pub const MIN_DEPTH: f64 = 1e-6;
+pub const MIN_LOSS_DEPTH: f64 = 1e-6;
 
 /// Loss of `planes` (as [`crate::raster::Images`]) and ∂L/∂planes. A frame without supervised pixels has
 /// loss 0.
@@ -378,8 +378,8 @@ fn depth_terms<T: Real>(
         |(k, (rendered, inverse))| {
             for (j, (rendered, inverse)) in rendered.iter_mut().zip(inverse).enumerate() {
                 let i = k * piece + j;
-                let opaque = weights.raw_depth || alpha[i] > T::of(MIN_DEPTH_ALPHA);
-                *rendered = truth.mask[i] && opaque && depth[i] > T::of(MIN_DEPTH);
+                let opaque = weights.raw_depth || alpha[i] > T::of(MIN_LOSS_ALPHA);
+                *rendered = truth.mask[i] && opaque && depth[i] > T::of(MIN_LOSS_DEPTH);
                 let alpha = if weights.raw_depth { T::one() } else { alpha[i] };
                 *inverse = if *rendered { typical * alpha / depth[i] } else { T::zero() };
             }

@@ -23,8 +23,8 @@ pub(super) const TERM_QUADS: usize = (NUM_TERMS - 1).div_ceil(4);
 shader! {
     pub(super) LossWgsl = "loss.wgsl";
     const TERM_QUADS = TERM_QUADS as u32;
-    const MIN_LOSS_ALPHA = train::MIN_DEPTH_ALPHA as f32;
-    const MIN_LOSS_DEPTH = train::MIN_DEPTH as f32;
+    const MIN_LOSS_ALPHA = train::MIN_LOSS_ALPHA as f32;
+    const MIN_LOSS_DEPTH = train::MIN_LOSS_DEPTH as f32;
     var<uniform> params: LossParams;
     var<read> planes: [f32];
     /// r, g, b in the low bytes; the highest byte is not 0 if the pixel is supervised.
