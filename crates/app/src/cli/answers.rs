@@ -10,7 +10,6 @@ use surgtpgs_core::{
     mask::Region,
     object::seen_area,
     progress::{Observer, Progress},
-    raster::MIN_DEPTH_ALPHA,
 };
 
 /// Answers to all prompts, as they are reported in JSON; the keys are a contract.
@@ -206,7 +205,7 @@ pub(super) fn ask(
             frame,
             is_shown: engine.scene().shows_frame(frame),
             camera: &at.camera,
-            depth: is_measured.then(|| images.normalised_depth(MIN_DEPTH_ALPHA)),
+            depth: is_measured.then(|| images.normalised_depth()),
             source: sources.get(frame).map(String::as_str),
         };
         for (k, (prompt, answer)) in prompts.iter_mut().zip(&answers).enumerate() {

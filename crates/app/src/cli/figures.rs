@@ -15,7 +15,7 @@ use surgtpgs_core::{
     Result,
     num::spread,
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
-    raster::{Images, MIN_DEPTH_ALPHA},
+    raster::Images,
     sequence::Sequence,
 };
 
@@ -35,7 +35,7 @@ pub(super) fn comparison(engine: &mut Engine, count: usize, panel_width: u32) ->
 }
 
 fn depth(images: &Images) -> RgbImage {
-    let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
+    let depth = images.normalised_depth();
     let known = || depth.data.iter().copied().filter(|z| *z > 0.0);
     let (near, far) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
     RgbImage::from_fn(depth.width as u32, depth.height as u32, |x, y| {

@@ -21,7 +21,7 @@ use surgtpgs_core::{
     files::{npy, write_whole},
     grid::Grid,
     num::{percentile, spread},
-    raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA},
+    raster::{ALPHA_PLANE, FEATURE_PLANE, Images},
 };
 
 const WIDTH_HINT: &str = "Choose another `--width`.";
@@ -124,7 +124,7 @@ fn write(folder: &Path, kind: ImageKind, frame: usize, images: &Images, range: (
         ImageKind::Colour => save("colour", "png", png(images.to_rgb())?),
         ImageKind::Alpha => save("alpha", "png", png(alpha(images))?),
         ImageKind::Depth => {
-            let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
+            let depth = images.normalised_depth();
             save("depth", "npy", npy(&[images.height, images.width], &depth.data, WIDTH_HINT)?)?;
             save("depth", "png", png(depth_picture(&depth, range))?)
         }
@@ -159,7 +159,7 @@ fn depth_range(engine: &mut Engine, frames: &[usize], width: Option<u32>) -> Res
     let mut range: Option<(f32, f32)> = None;
     for frame in spread(frames.len(), RANGE_FRAMES).map(|k| frames[k]) {
         let images = engine.render(&sized(engine.view(frame)?, width), false)?;
-        let own = typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA));
+        let own = typical_range(&images.normalised_depth());
         range = range.zip(own).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(range).or(own);
     }
     Ok(range)

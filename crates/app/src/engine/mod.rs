@@ -63,7 +63,7 @@ use surgtpgs_core::{
     mask::threshold,
     num::sigmoid,
     prepare::EncoderIdentity,
-    raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
+    raster::{FrameClock, FramePass, Images, Pick, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
@@ -340,7 +340,7 @@ impl Engine {
         let is_scored = ask == Ask::Now && wanted.scores;
         Ok(Shown {
             picture: wanted.picture.then(|| images.to_rgb()),
-            depth: wanted.depth.then(|| images.normalised_depth(MIN_DEPTH_ALPHA)),
+            depth: wanted.depth.then(|| images.normalised_depth()),
             scores: if is_scored { self.scores(&images, view)? } else { Vec::new() },
         })
     }

@@ -30,7 +30,7 @@ use surgtpgs_core::{
         psnr_published_db, ssim,
     },
     num::mean,
-    raster::{Images, MIN_DEPTH_ALPHA},
+    raster::Images,
     scene::Scene,
     sequence::Sequence,
     train::fit_camera,
@@ -326,7 +326,7 @@ fn row(
     // Depth that a network estimated is no truth to compare with.
     let is_measured = sequence.estimated_depth().is_none();
     let depth = sequence.depth(frame)?.filter(|_| is_measured).and_then(|truth| -> Option<DepthErrors> {
-        depth_errors(&images.normalised_depth(MIN_DEPTH_ALPHA), &truth, Some(&mask))
+        depth_errors(&images.normalised_depth(), &truth, Some(&mask))
     });
     let structure = ssim(&picture, &truth);
     Ok(FrameRow {

@@ -1,5 +1,6 @@
 //! Rendered images.
 
+use super::MIN_DEPTH_ALPHA;
 use crate::grid::Grid;
 use rayon::prelude::*;
 
@@ -27,10 +28,12 @@ impl Images {
         let n = self.width * self.height;
         &self.planes[k * n..(k + 1) * n]
     }
+
     /// Number of feature planes.
     pub fn latent_dim(&self) -> usize {
         (self.planes.len() / (self.width * self.height).max(1)).saturating_sub(FEATURE_PLANE)
     }
+
     /// Converts the colours to an 8-bit sRGB picture.
     pub fn to_rgb(&self) -> image::RgbImage {
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
@@ -43,13 +46,14 @@ impl Images {
         }
         picture
     }
-    /// Depth divided by accumulated opacity; 0 if alpha is below `min_alpha`.
-    pub fn normalised_depth(&self, min_alpha: f32) -> Grid<f32> {
+
+    /// Depth divided by accumulated opacity; 0 if alpha is below [`MIN_DEPTH_ALPHA`].
+    pub fn normalised_depth(&self) -> Grid<f32> {
         let depth = self.plane(DEPTH_PLANE).iter().zip(self.plane(ALPHA_PLANE));
         Grid::from_vec(
             self.width,
             self.height,
-            depth.map(|(d, a)| if *a >= min_alpha { d / a } else { 0.0 }).collect(),
+            depth.map(|(d, a)| if *a >= MIN_DEPTH_ALPHA { d / a } else { 0.0 }).collect(),
         )
     }
 }

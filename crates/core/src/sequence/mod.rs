@@ -176,6 +176,7 @@ impl Sequence {
     pub fn path(&self) -> &Path {
         &self.recording().path
     }
+
     /// Returns the folder or file name, for titles and results. DICOM files are often called by the name of a
     /// patient: what comes from them is called by a hash of its content.
     pub fn name(&self) -> String {
@@ -186,30 +187,37 @@ impl Sequence {
         let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         read::file_name(&whole)
     }
+
     /// Returns the recognised layout.
     pub fn layout(&self) -> Layout {
         self.inner.layout
     }
+
     /// Returns the number of frames, at least 1.
     pub fn num_frames(&self) -> usize {
         self.recording().frames.len()
     }
+
     /// Returns the number of image columns.
     pub fn width(&self) -> usize {
         self.recording().width
     }
+
     /// Returns the number of image rows.
     pub fn height(&self) -> usize {
         self.recording().height
     }
+
     /// Returns the file stem of frame `i` (or its number, for a video).
     pub fn frame_name(&self, i: usize) -> String {
         self.recording().frames[i].name.clone()
     }
+
     /// Returns the identity as far as opening the recording tells it: names and sizes of the frames.
     pub fn outline(&self) -> &Arc<Identity> {
         &self.inner.outline
     }
+
     /// Returns the identity, including the content of every frame. All frames are read on the first call.
     pub fn identity(&self) -> Result<Arc<Identity>> {
         if let Some(known) = self.inner.identity.get() {
@@ -218,78 +226,95 @@ impl Sequence {
         let found = Arc::new(Identity::complete(self.recording())?);
         Ok(self.inner.identity.get_or_init(|| found).clone())
     }
+
     /// Returns the place of frame `i` in the recording, 0 to 1: i / N, unless frames are unevenly spaced. A scene
     /// may give it another time, see [`crate::scene::Scene::times`].
     pub fn time(&self, i: usize) -> f32 {
         self.inner.places.get(i).copied().unwrap_or(i as f32 / self.num_frames() as f32)
     }
+
     /// Returns the places of all frames, see [`Sequence::time`].
     pub fn times(&self) -> Vec<f32> {
         (0..self.num_frames()).map(|i| self.time(i)).collect()
     }
+
     /// Returns the time of every frame after the first, seconds; empty if [`Self::frames_per_second`] tells it,
     /// or nothing does.
     pub fn frame_seconds(&self) -> &[f64] {
         &self.recording().seconds
     }
+
     /// Returns `true` if frame `i` is one of those that an evaluation holds out: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
         recording::is_test_frame(i)
     }
+
     /// Returns the frames that training may see: all, or with `eval` those that are not held out.
     pub(crate) fn used_frames(&self, eval: bool) -> Vec<usize> {
         (0..self.num_frames()).filter(|&i| !(eval && Self::is_test_frame(i))).collect()
     }
+
     /// Returns the rate of the used frames, if known.
     pub fn frames_per_second(&self) -> Option<f32> {
         self.recording().frames_per_second
     }
+
     /// Returns the camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
         let camera = self.recording().cameras[i];
         let camera_from_world = self.poses.as_ref().map_or(camera.camera_from_world, |poses| poses[i]);
         Camera { camera_from_world, ..camera.zoomed(self.zoom.unwrap_or(1.0)) }
     }
+
     /// Returns the source of the cameras.
     pub fn camera_source(&self) -> CameraSource {
         self.recording().camera_source
     }
+
     /// Returns `true` if the camera's pose changes during the recording.
     pub fn camera_moves(&self) -> bool {
         self.inner.camera_moves || self.poses.is_some()
     }
+
     /// Returns the same recording with estimated poses, `camera_from_world` of every frame. Their number is
     /// that of the frames.
     pub(crate) fn with_poses(self, poses: &[Affine3A]) -> Self {
         Self { poses: Some(poses.into()), ..self }
     }
+
     /// Returns the same recording with focal lengths that are `zoom` times those it came with.
     pub(crate) fn with_zoom(self, zoom: f32) -> Self {
         Self { zoom: Some(zoom), ..self }
     }
+
     /// Returns the factor of [`Sequence::with_zoom`], 1 if nothing told the lens; `None` if that was not looked
     /// for.
     pub(crate) fn estimated_zoom(&self) -> Option<f32> {
         self.zoom
     }
+
     /// Returns notes that nobody should miss who works with the recording: other programs show other frames of
     /// it.
     pub fn cautions(&self) -> &[String] {
         &self.recording().cautions
     }
+
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {
         &self.recording().hidden
     }
+
     /// Reads the identifiers of the DICOM files that the recording comes from; `None` if it comes from no such
     /// files. They are for references from a segmentation alone.
     pub fn source_references(&self) -> Result<Option<SourceReferences>> {
         self.recording().dicom.as_ref().map_or(Ok(None), |origin| origin.references())
     }
+
     /// Decodes frame `i`.
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
     }
+
     /// Decodes frames and hands each to `f`, on all cores. Returns the results in the order of `frames`. Those of
     /// a video are decoded one after the other: nothing is decoded twice if they are in order.
     pub(crate) fn map_frames<T: Send>(
@@ -306,6 +331,7 @@ impl Sequence {
         }
         frames.par_iter().map(|&i| f(i, self.frame(i))).collect()
     }
+
     /// Takes depth from the prepared folder `folder` instead of the recording.
     pub(crate) fn with_estimated_depth(
         self,
@@ -316,19 +342,23 @@ impl Sequence {
         let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
         Self { estimated: Some(Arc::new(estimated)), ..self }
     }
+
     /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
     pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
         let moved = |e: &Arc<Estimated>| Arc::new(Estimated { folder: folder.to_owned(), ..(**e).clone() });
         Self { estimated: self.estimated.as_ref().map(moved), ..self }
     }
+
     /// Returns the source of depth if it is not the recording itself.
     pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
         self.estimated.as_ref().map(|e| &e.about)
     }
+
     /// Returns `true` if any frame has depth.
     pub fn has_depth(&self) -> bool {
         self.estimated.is_some() || self.recording().frames.iter().any(|f| f.depth.is_some())
     }
+
     /// Returns the origin of the depth.
     pub fn depth_origin(&self) -> DepthOrigin {
         match (self.estimated.is_some(), self.has_depth()) {
@@ -337,6 +367,7 @@ impl Sequence {
             (false, false) => DepthOrigin::Absent,
         }
     }
+
     /// Returns the depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear
     /// if the file has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
@@ -345,6 +376,7 @@ impl Sequence {
             None => self.recording().depth(i),
         }
     }
+
     /// Returns the supervision mask of frame `i`: `true` = keep. It combines the recording's masks
     /// (polarity resolved) and the field of view.
     pub fn mask(&self, i: usize) -> Result<Mask> {
@@ -354,6 +386,7 @@ impl Sequence {
         }
         Ok(mask)
     }
+
     /// Returns the round endoscopic picture or the area inside a black border; `true` = inside. It is
     /// found from a few frames on the first call; frames that cannot be read are skipped.
     pub fn field_of_view(&self) -> &Mask {
@@ -364,14 +397,17 @@ impl Sequence {
     pub fn disc_radius_px(&self) -> Option<f64> {
         self.found_field_of_view().disc_radius_px()
     }
+
     /// Returns the class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
         Ok(self.read_labels(i)?.map(|labels| labels.ids))
     }
+
     fn read_labels(&self, i: usize) -> Result<Option<ReadLabels>> {
         let numbers = self.inner.label_numbers.get_or_init(|| self.recording().label_numbers(LABEL_PICTURES));
         self.recording().labels(i, *numbers)
     }
+
     /// Decides the meaning of the numbers of label pictures that are not the recording's own. They may be
     /// ids, or values of the kind that the recording's pictures hold. The choice is the one by which more
     /// pixels of some of these pictures name a class.
@@ -384,6 +420,7 @@ impl Sequence {
         };
         labels::numbers_of(&pictures, &self.recording().coding, self.classes(), first)
     }
+
     /// Reads the class ids of a label picture that is not the recording's own. Its numbers mean
     /// what [`Self::numbers_of`] found. With `names`, (value, class or none), it holds these values
     /// and 0 for nothing.
@@ -395,6 +432,7 @@ impl Sequence {
     ) -> Result<PictureOfIds> {
         labels::picture_of_ids(path, &self.recording().coding, numbers, self.classes(), names)
     }
+
     /// Returns the pixels of instruments on frame `i`. They come from its labels if a class names an
     /// instrument, else from what its mask file hides inside the field of view. `None` if the
     /// recording has neither.
@@ -413,12 +451,14 @@ impl Sequence {
         }
         Ok(Some(kept))
     }
+
     /// Returns `true` if there are mask files whose meaning can be inverted; see [`Self::flip_masks`].
     pub fn has_mask_files(&self) -> bool {
         let recording = self.recording();
         let can_flip = !matches!(recording.mask_rule, MaskRule::DropCode(_));
         can_flip && recording.frames.iter().any(|f| f.mask.is_some())
     }
+
     /// Inverts which side of the mask files is kept, for everyone who opens the recording later. The decision
     /// is written into a file beside the recording, which stays as it is. Returns the path of that file.
     pub fn flip_masks(&self) -> Result<PathBuf> {
@@ -435,10 +475,12 @@ impl Sequence {
         };
         decided::keep_masks(self.path(), self.outline(), keep)
     }
+
     /// Returns `true` if any frame has labels.
     pub fn has_labels(&self) -> bool {
         self.recording().frames.iter().any(|f| f.labels.is_some())
     }
+
     /// Returns the classes that labels refer to; empty without labels.
     pub fn classes(&self) -> &[Class] {
         &self.recording().classes

@@ -151,7 +151,7 @@ impl<'a> Examples<'a> {
             height: images.height,
             colour: planar(images.to_rgb().as_raw()),
             mask: self.like.field_of_view.data.clone(),
-            depth: images.normalised_depth(MIN_DEPTH_ALPHA).data,
+            depth: images.normalised_depth().data,
             regions: self.palette.regions(&images),
         });
         let kept = self.frames.iter().flatten().count();

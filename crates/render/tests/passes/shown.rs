@@ -7,7 +7,7 @@ use crate::{
 use surgtpgs_core::{
     camera::Camera,
     grid::{Grid, Mask},
-    raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
+    raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
     relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
 };
@@ -79,7 +79,7 @@ fn every_pass_after_the_raster_equals_its_twin() {
         let shown = stage.show(time, field_of_view);
         let planes = stage.planes(time, field_of_view);
         compare::pictures(&shown.picture.unwrap(), &planes.to_rgb()).unwrap();
-        let depth = planes.normalised_depth(MIN_DEPTH_ALPHA);
+        let depth = planes.normalised_depth();
         compare::close("depth", &shown.depth.unwrap().data, &depth.data, SMOOTH).unwrap();
 
         let scores = stage.lattice.score(&planes, &stage.queries, &stage.settings);
