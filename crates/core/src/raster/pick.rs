@@ -23,9 +23,7 @@ pub fn pick(splats: &[Splat<f32>], bins: &Bins, [x, y]: [usize; 2]) -> Option<Pi
     let mut best: Option<Pick> = None;
     for &gaussian in &bins.splat[bins.tile(tile_x, tile_y)] {
         let s = &splats[gaussian as usize];
-        let (dx, dy) = (x as f32 + 0.5 - s.centre[0], y as f32 + 0.5 - s.centre[1]);
-        let q = s.conic[0] * dx * dx + 2.0 * s.conic[1] * dx * dy + s.conic[2] * dy * dy;
-        let alpha = (s.opacity * (-0.5 * q).exp()).min(MAX_ALPHA);
+        let alpha = s.at_pixel(x, y).1.min(MAX_ALPHA);
         if alpha < MIN_ALPHA {
             continue;
         }

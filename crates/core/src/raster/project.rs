@@ -83,6 +83,13 @@ impl<T: Real> Splat<T> {
     pub fn is_visible(&self) -> bool {
         self.extent[0] > T::zero()
     }
+
+    /// Returns the way from the centre to the middle of a pixel, px, and the alpha there before it is limited.
+    pub fn at_pixel(&self, x: usize, y: usize) -> (Vector<T, 2>, T) {
+        let [dx, dy] = [T::of(x as f64 + 0.5) - self.centre[0], T::of(y as f64 + 0.5) - self.centre[1]];
+        let q = self.conic[0] * dx * dx + T::of(2.0) * self.conic[1] * dx * dy + self.conic[2] * dy * dy;
+        ([dx, dy], self.opacity * (T::of(-0.5) * q).exp())
+    }
 }
 
 impl Splat<f32> {

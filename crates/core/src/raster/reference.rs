@@ -135,18 +135,14 @@ impl<T: Real> ReferenceInput<'_, T> {
         let mut transmittance = T::one();
         let mut all = Vec::new();
         for &i in order {
-            let s = &self.splats[i];
-            let d = [T::of(x as f64 + 0.5) - s.centre[0], T::of(y as f64 + 0.5) - s.centre[1]];
-            let q =
-                s.conic[0] * d[0] * d[0] + T::of(2.0) * s.conic[1] * d[0] * d[1] + s.conic[2] * d[1] * d[1];
-            let raw = s.opacity * (T::of(-0.5) * q).exp();
+            let (offset, raw) = self.splats[i].at_pixel(x, y);
             let Some((alpha, slope)) = cut.alpha(raw) else { continue };
             let next = transmittance * (T::one() - alpha);
             if cut == Cut::Hard && next < T::from_f32(MIN_TRANSMITTANCE) {
                 break;
             }
             let (follows, weight) = (slope * raw, alpha * transmittance);
-            all.push(Contribution { splat: i, alpha, follows, weight, transmittance, offset: d });
+            all.push(Contribution { splat: i, alpha, follows, weight, transmittance, offset });
             transmittance = next;
         }
         all
