@@ -31,7 +31,9 @@ const FOLLOW_DAMPING: f64 = 1e-4;
 /// Length of time, as a share of a recording, that basis functions are spread over at least.
 const SHORTEST_SPAN: f32 = 1e-5;
 
-/// δ of the released code's gate, which reads the channels of scale (method §3.3).
+/// δ of the gate in the paper (method §3.3).
+pub const GATE_SLOPE: f32 = 2.5;
+/// δ of the released code's gate, which reads the channels of scale.
 pub const RELEASED_GATE_SLOPE: f32 = 1.5;
 
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
@@ -335,7 +337,7 @@ mod tests {
             latent_dim: 3,
             ..Default::default()
         };
-        let deformation = Deformation::at_rest(1, 3, 17, 0.05, 2.5);
+        let deformation = Deformation::at_rest(1, 3, 17, 0.05, GATE_SLOPE);
         let d = deform(&gaussians, &deformation, 0.3, true);
         assert_eq!(d.means, gaussians.means);
         assert_eq!(d.rotations, vec![[1.0, 0.0, 0.0, 0.0]]);
@@ -354,7 +356,7 @@ mod tests {
             colours: vec![[0.0; 3]; 2],
             ..Default::default()
         };
-        let mut deformation = Deformation::at_rest(2, 0, 21, 0.05, 2.5);
+        let mut deformation = Deformation::at_rest(2, 0, 21, 0.05, GATE_SLOPE);
         deformation.shape = BasisShape::Spline;
         let motion = |time: f32| {
             let phase = 12.0 * time;
@@ -376,7 +378,7 @@ mod tests {
     fn another_unit_of_time_changes_no_motion() {
         let (n, first, len) = (3, 0.4, 0.1);
         for shape in [BasisShape::Gaussian, BasisShape::Quartic, BasisShape::Spline] {
-            let mut before = Deformation::at_rest(n, 0, 41, 0.01, 2.5);
+            let mut before = Deformation::at_rest(n, 0, 41, 0.01, GATE_SLOPE);
             before.shape = shape;
             before.weights.iter_mut().enumerate().for_each(|(i, w)| *w = (i as f32).sin());
             let mut after = before.clone();
@@ -393,7 +395,7 @@ mod tests {
     #[test]
     fn shared_bases_equal_the_same_bases_held_by_every_gaussian() {
         let n = 5;
-        let mut shared = Deformation::at_rest(n, 3, 7, 0.1, 2.5);
+        let mut shared = Deformation::at_rest(n, 3, 7, 0.1, GATE_SLOPE);
         for (i, w) in shared.weights.iter_mut().enumerate() {
             *w = ((i * 37 % 101) as f32 / 101.0) - 0.5;
         }

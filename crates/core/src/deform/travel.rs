@@ -37,7 +37,7 @@ pub fn travel_px(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::deform::MEAN_CHANNEL;
+    use crate::deform::{GATE_SLOPE, MEAN_CHANNEL};
 
     #[test]
     fn only_what_moves_travels_and_by_its_pixels() {
@@ -49,7 +49,7 @@ mod tests {
             colours: vec![[0.0; 3]; 2],
             ..Default::default()
         };
-        let mut deformation = Deformation::at_rest(2, 0, 5, 0.05, 2.5);
+        let mut deformation = Deformation::at_rest(2, 0, 5, 0.05, GATE_SLOPE);
         // The last basis moves the second Gaussian to the right.
         let stride = deformation.stride;
         deformation.weights[(4 * 2 + 1) * stride + MEAN_CHANNEL] = 2.0;

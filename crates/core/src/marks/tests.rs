@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     Result,
     camera::Camera,
-    deform::Deformation,
+    deform::{Deformation, GATE_SLOPE},
     gaussian::{Gaussians, SH_C0},
     grid::{Grid, Mask},
     num::logit,
@@ -41,7 +41,7 @@ pub(super) fn scene() -> Scene {
     };
     Scene {
         gaussians: gaussians.into(),
-        deformation: Deformation::at_rest(n, 0, 5, 0.25, 2.5).into(),
+        deformation: Deformation::at_rest(n, 0, 5, 0.25, GATE_SLOPE).into(),
         chapters: crate::scene::Chapters::default(),
         cameras: vec![camera; FRAMES],
         times: Vec::new(),

@@ -3,7 +3,7 @@
 use super::{Chapters, Provenance, Scene};
 use crate::{
     camera::Camera,
-    deform::{Deformation, deform},
+    deform::{Deformation, GATE_SLOPE, deform},
     gaussian::Gaussians,
     grid::Grid,
     meaning::WordFacts,
@@ -16,7 +16,6 @@ const PICTURE: (u32, u32) = (960, 720);
 const FIELD_OF_VIEW_DEGREES: f32 = 50.0;
 /// Share of the Gaussians, in percent, that such a camera has in view.
 const IN_VIEW: f64 = 98.0;
-const GATE_SLOPE: f32 = 2.5;
 
 impl Scene {
     /// Returns the Gaussians `chosen` as they are at `time`, without features.

@@ -10,7 +10,7 @@ pub use invariance::{Invariance, invariances};
 
 use crate::{
     camera::Camera,
-    deform::{BasisShape, Deformation},
+    deform::{BasisShape, Deformation, GATE_SLOPE},
     gaussian::Gaussians,
     raster::{ALPHA_PLANE, DEPTH_PLANE, Images, NEAR, reference::reference_frame},
     scene::Scene,
@@ -45,7 +45,7 @@ pub fn ordinary(n: usize) -> Scene {
         latent_dim: DIM,
         ..Default::default()
     };
-    let mut deformation = Deformation::at_rest(n, DIM, 5, 0.25, 2.5);
+    let mut deformation = Deformation::at_rest(n, DIM, 5, 0.25, GATE_SLOPE);
     deformation.shape = BasisShape::Spline;
     deformation.weights.iter_mut().enumerate().for_each(|(i, w)| *w = 0.05 * wave(i, 14));
     deformation.feature_weight.iter_mut().enumerate().for_each(|(i, w)| *w = 0.3 * wave(i, 15));
@@ -79,8 +79,10 @@ pub fn cases() -> Vec<Case> {
         add("time outside the recording", time, USUAL, &|_, _| {});
     }
     add("no Gaussian at all", 0.3, USUAL, &|g, d| {
-        (*g, *d) =
-            (Gaussians { latent_dim: DIM, ..Default::default() }, Deformation::at_rest(0, DIM, 5, 0.2, 2.5));
+        (*g, *d) = (
+            Gaussians { latent_dim: DIM, ..Default::default() },
+            Deformation::at_rest(0, DIM, 5, 0.2, GATE_SLOPE),
+        );
     });
     cases
 }

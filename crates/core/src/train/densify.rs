@@ -220,6 +220,7 @@ fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[N
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::deform::GATE_SLOPE;
 
     fn model(pull: &[f32]) -> Model {
         let n = pull.len();
@@ -233,7 +234,7 @@ mod tests {
             latent_dim: 3,
             ..Gaussians::default()
         };
-        let mut deformation = Deformation::at_rest(n, 3, 2, 0.1, 2.5);
+        let mut deformation = Deformation::at_rest(n, 3, 2, 0.1, GATE_SLOPE);
         deformation.weights.iter_mut().enumerate().for_each(|(i, w)| *w = i as f32);
         let mut model = Model::new(gaussians, deformation);
         model.statistics = Statistics { pull: pull.to_vec(), seen: vec![1; n] };

@@ -4,9 +4,9 @@
 
 use super::{Quality, loss::LossWeights};
 use crate::{
-    deform::{BasisShape, default_bases, length_warning},
+    deform::{BasisShape, GATE_SLOPE, RELEASED_GATE_SLOPE, default_bases, length_warning},
     prepare::{Origin, Prepared},
-    scene::Chapter,
+    scene::{Chapter, RELEASED_BASES},
     sequence::Sequence,
 };
 use std::ops::Range;
@@ -250,7 +250,7 @@ impl Default for TrainSettings {
             own_bases: false,
             colour_over_time: true,
             depth_over_time: false,
-            gate_slope: 2.5,
+            gate_slope: GATE_SLOPE,
             gate_on_scale: false,
             feature_mode: FeatureMode::Learned,
             feature_motion: true,
@@ -439,14 +439,14 @@ impl TrainSettings {
             initial_opacity: 0.1,
             neighbour_sizes: true,
             seed_test_frames: true,
-            num_bases: 17,
+            num_bases: RELEASED_BASES,
             basis_shape: BasisShape::Quartic,
             // σ = 0.01 with 17 centres.
             basis_width: 0.16,
             own_bases: true,
             colour_over_time: false,
             depth_over_time: true,
-            gate_slope: 1.5,
+            gate_slope: RELEASED_GATE_SLOPE,
             gate_on_scale: true,
             sh_degree: 3,
             sh_when_still: true,

@@ -12,8 +12,9 @@ use super::{
 use crate::{
     camera::{Camera, Twist},
     deform::{
-        BasisShape, COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL,
-        ROTATION_CHANNEL, SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
+        BasisShape, COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, GATE_SLOPE,
+        MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry,
+        num_channels,
     },
     gaussian::Gaussians,
     raster::{
@@ -74,7 +75,7 @@ fn fixture(variant: Variant) -> Fixture {
         features: (0..n * DIM).map(|_| near(1.0)).collect(),
         latent_dim: DIM,
     };
-    let mut deformation = Deformation::at_rest(n, DIM, BASES, 0.3, 2.5);
+    let mut deformation = Deformation::at_rest(n, DIM, BASES, 0.3, GATE_SLOPE);
     deformation.weights.iter_mut().for_each(|w| *w = near(0.1));
     if variant == Variant::Splines {
         deformation.shape = BasisShape::Spline;

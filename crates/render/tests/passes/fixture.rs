@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use surgtpgs_core::{
     camera::Camera,
     codec::{Codec, Linear},
-    deform::{BasisShape, Deformation},
+    deform::{BasisShape, Deformation, GATE_SLOPE},
     gaussian::Gaussians,
     relevancy::{Query, Rivals},
     scene::Scene,
@@ -99,7 +99,7 @@ pub(crate) fn scene(recipe: Recipe) -> Scene {
 fn deformation(rng: &mut ChaCha8Rng, recipe: Recipe) -> Deformation {
     const NUM_BASES: usize = 9;
     let Recipe { num_gaussians: n, latent_dim, .. } = recipe;
-    let mut deformation = Deformation::at_rest(n, latent_dim, NUM_BASES, 0.06, 2.5);
+    let mut deformation = Deformation::at_rest(n, latent_dim, NUM_BASES, 0.06, GATE_SLOPE);
     deformation.shape = recipe.shape;
     deformation.weights = numbers(rng, deformation.weights.len(), 0.1);
     deformation.feature_weight = numbers(rng, latent_dim * (latent_dim + 1), 0.7);

@@ -44,7 +44,7 @@ use ndarray::{Array1, Array2};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::de::IgnoredAny;
 use std::{collections::HashMap, io::Read, path::Path, sync::Arc};
-use tensors::{MAX_BASES, Reader, Writer};
+use tensors::{MOST_PLAUSIBLE_BASES, Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
 const VERSION: u32 = 1;
@@ -338,7 +338,7 @@ fn read_deformation(reader: &Reader<'_>, header: &SceneHeader) -> Result<Deforma
     }
     let (shape, weights) = reader.f32("basis_weights", 3)?;
     let num_bases = shape[0];
-    if shape[1..] != [moving.len(), channels] || num_bases > MAX_BASES {
+    if shape[1..] != [moving.len(), channels] || num_bases > MOST_PLAUSIBLE_BASES {
         return Err(format!(
             "tensor `basis_weights` should be [bases, {}, {channels}], but is {shape:?}",
             moving.len()
@@ -448,12 +448,12 @@ fn read_layers(reader: &Reader<'_>, name: &str) -> Result<Vec<Linear>, Problem> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::deform::deform;
+    use crate::deform::{GATE_SLOPE, deform};
     use glam::{Affine3A, Vec3};
 
     fn scene() -> Scene {
         let n = 4;
-        let mut deformation = Deformation::at_rest(n, 3, 5, 0.1, 2.5);
+        let mut deformation = Deformation::at_rest(n, 3, 5, 0.1, GATE_SLOPE);
         let stride = deformation.stride;
         deformation.weights[(2 * n + 1) * stride + 4] = 0.5;
         deformation.feature_weight[3] = 0.25;

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use std::{cell::Cell, collections::HashMap};
 
 /// Largest number of basis functions; more are taken for damage.
-pub(super) const MAX_BASES: usize = 1024;
+pub(super) const MOST_PLAUSIBLE_BASES: usize = 1024;
 
 /// Tensors that are collected for writing.
 pub(super) struct Writer {
@@ -201,7 +201,7 @@ impl<'a> Reader<'a> {
         }
         let (size, matrix) = self.plain(&mix)?;
         match (&shape[..], &size[..]) {
-            ([n, ..], [a, b]) if a == n && b == n && *n <= MAX_BASES => {
+            ([n, ..], [a, b]) if a == n && b == n && *n <= MOST_PLAUSIBLE_BASES => {
                 compact::mix(&matrix, *n, &mut values);
                 Ok((shape, values))
             }
