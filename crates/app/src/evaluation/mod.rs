@@ -334,7 +334,7 @@ fn row(
         psnr_db: psnr_db(&picture, &truth, None),
         psnr_masked_db: inside(&picture),
         fitted_camera_psnr_db: None,
-        psnr_per_channel_db: psnr_per_channel_db(&picture, &truth, None),
+        psnr_per_channel_db: psnr_per_channel_db(&picture, &truth),
         blend_psnr_db: guess.as_ref().and_then(|g| inside(&g.blend)),
         flow_psnr_db: guess.as_ref().and_then(|g| inside(&g.moved)),
         ssim: structure.map(|s| s.padded),

@@ -17,8 +17,6 @@ use std::ops::Range;
 
 /// Most frames of a path that views are kept of; longer ones are made only where chapters are not wanted.
 pub(super) const MOST_VIEWS: usize = 256;
-/// Distance from where the path shows a point up to which it is looked for, px of pictures of half size.
-const LARGEST_DISTANCE: i32 = 4;
 /// Ratios of the depths of a point in two frames, and angle between its two views in radians, at which it
 /// still looks alike.
 const DEPTH_RATIOS: Range<f64> = 0.6..1.6;
@@ -78,7 +76,7 @@ impl Search<'_> {
         if patch.strength < LEAST_SLOPE {
             return None;
         }
-        let (here, likeness) = patch.found_around(&view.luma, there, LARGEST_DISTANCE)?;
+        let (here, likeness) = patch.found_around(&view.luma, there)?;
         let is_found = likeness >= VERY_ALIKE && is_inside(view, here);
         is_found.then(|| self.lens.observation(frame, here))
     }

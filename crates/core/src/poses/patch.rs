@@ -15,6 +15,8 @@ const AREA: usize = ((2 * REACH + 1) * (2 * REACH + 1)) as usize;
 const GLARE: f32 = 245.0;
 /// Largest distance of a patch's position from where it is first looked for, px.
 const LARGEST_MENDING: f32 = 2.0;
+/// Distance from where a lost patch is expected up to which it is looked for, px along each axis.
+const LARGEST_DISTANCE: i32 = 4;
 /// Largest number of steps to find a patch.
 const STEPS: usize = 12;
 
@@ -142,19 +144,14 @@ impl Patch {
         Some((at, likeness))
     }
 
-    /// Finds the patch up to `distance` px from `start`, along each axis. Returns its position and likeness, at
-    /// most 1; `None` if it runs away.
-    pub(super) fn found_around(
-        &self,
-        image: &Grid<f32>,
-        start: [f32; 2],
-        distance: i32,
-    ) -> Option<([f32; 2], f32)> {
+    /// Finds the patch up to [`LARGEST_DISTANCE`] from `start`. Returns its position and likeness, at most 1;
+    /// `None` if it runs away.
+    pub(super) fn found_around(&self, image: &Grid<f32>, start: [f32; 2]) -> Option<([f32; 2], f32)> {
         let middle = start.map(|v| v.round() as i32);
         let clamped = |v: i32, length: usize| v.clamp(0, length as i32 - 1) as usize;
         let mut best = (f32::MIN, start);
         // Every second pixel is enough: `found` goes on from the best one.
-        let steps = || (-distance..=distance).step_by(2);
+        let steps = || (-LARGEST_DISTANCE..=LARGEST_DISTANCE).step_by(2);
         for (x, y) in steps().flat_map(|dy| steps().map(move |dx| (middle[0] + dx, middle[1] + dy))) {
             let mut seen = [0.0; AREA];
             offsets().zip(&mut seen).for_each(|((dx, dy), s)| {

@@ -15,7 +15,7 @@ use glam::Affine3A;
 use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
 use rayon::prelude::*;
-use recording::{MaskRule, Recording};
+use recording::{LABEL_PICTURES, MaskRule, Recording};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -104,8 +104,6 @@ struct Inner {
 
 /// Number of frames, evenly spread, in which the field of view is looked for.
 const FIELD_OF_VIEW_FRAMES: usize = 8;
-/// Number of label pictures that are read to find out the meaning of their numbers.
-const LABEL_PICTURES: usize = 8;
 
 impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
@@ -404,7 +402,7 @@ impl Sequence {
     }
 
     fn read_labels(&self, i: usize) -> Result<Option<ReadLabels>> {
-        let numbers = self.inner.label_numbers.get_or_init(|| self.recording().label_numbers(LABEL_PICTURES));
+        let numbers = self.inner.label_numbers.get_or_init(|| self.recording().label_numbers());
         self.recording().labels(i, *numbers)
     }
 

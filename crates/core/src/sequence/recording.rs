@@ -28,6 +28,8 @@ use std::{
 };
 use tempfile::TempDir;
 
+/// Number of label pictures that are read to find out the meaning of their numbers.
+pub(super) const LABEL_PICTURES: usize = 8;
 /// Difference of frame rates, as a share of them, that is none.
 const SAME_SPEED: f32 = 0.01;
 /// Horizontal field of view that is assumed if none is known, in degrees.
@@ -506,8 +508,8 @@ impl Recording {
         Ok(Some(labels))
     }
 
-    /// Decides the meaning of the numbers of its label pictures, from `some` of them, evenly spread.
-    pub(super) fn label_numbers(&self, some: usize) -> NumbersAre {
+    /// Decides the meaning of the numbers of its label pictures, from some of them, evenly spread.
+    pub(super) fn label_numbers(&self) -> NumbersAre {
         if !matches!(self.coding, LabelCoding::IdsOrColours) {
             return NumbersAre::Coded;
         }
@@ -516,8 +518,11 @@ impl Recording {
             _ => None,
         });
         let pictures: Vec<&Path> = pictures.collect();
-        let spread =
-            pictures.iter().step_by(pictures.len().div_ceil(some).max(1)).copied().collect::<Vec<_>>();
+        let spread = pictures
+            .iter()
+            .step_by(pictures.len().div_ceil(LABEL_PICTURES).max(1))
+            .copied()
+            .collect::<Vec<_>>();
         numbers_of(&spread, &self.coding, &self.classes, NumbersAre::Coded)
     }
 
