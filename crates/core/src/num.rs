@@ -1,4 +1,5 @@
-//! The only exp, ln, sigmoid and normalise applied to data; their behaviour at the edges is documented.
+//! Functions of numbers: sigmoid and logit, lengths and products, percentiles and means. Their behaviour at
+//! the edges is documented.
 
 /// 1 / (1 + e^-x) without overflow; NaN stays NaN.
 pub fn sigmoid(x: f32) -> f32 {

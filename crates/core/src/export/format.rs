@@ -7,7 +7,7 @@ enum Files {
     /// One per frame.
     PerFrame,
     /// One per frame and prompt.
-    PerPrompt,
+    PerFrameAndPrompt,
     /// One about all frames.
     Series,
 }
@@ -89,13 +89,13 @@ macro_rules! formats {
 
 formats! {
     /// RGBA PNG per prompt, straight alpha 0 or 255; pixels that are cut away are black.
-    Cutout "cutout"."png" PerPrompt "RGBA PNG per frame and prompt: what was found, the rest transparent"
+    Cutout "cutout"."png" PerFrameAndPrompt "RGBA PNG per frame and prompt: what was found, the rest transparent"
         [Pictures 2] "Cut-outs" "Only what was found, the rest transparent"
     /// RGB PNG of the frame with all prompts drawn over it, and the research-use stamp.
     Overlay "overlay"."png" PerFrame "PNG per frame: all prompts drawn over it"
         [Pictures 1] "Overlay pictures" "The frame with what was found drawn over it, marked for research use"
     /// 8-bit grey PNG per prompt: 255 where found, else 0.
-    Binary "binary"."png" PerPrompt "PNG per frame and prompt: 255 where found, else 0"
+    Binary "binary"."png" PerFrameAndPrompt "PNG per frame and prompt: 255 where found, else 0"
         [Pictures 3] "Masks" "One per prompt, white where found"
     /// 8-bit grey PNG of label ids, 0 = nothing; `labels.json` names them. A pixel has the best prompt's id.
     Index "index"."png" PerFrame "PNG per frame: label ids, named in labels.json"
@@ -104,10 +104,10 @@ formats! {
     Outline "outline"."svg" PerFrame "SVG per frame: border lines of what was found"
         [Pictures 5] "Outlines" "The borders as lines that can be scaled and recoloured (SVG)"
     /// 16-bit grey PNG per prompt: the score times 65535, rounded; NaN is 0.
-    Score "score"."png" PerPrompt "16-bit PNG per frame and prompt: score times 65535"
+    Score "score"."png" PerFrameAndPrompt "16-bit PNG per frame and prompt: score times 65535"
         [Data 5] "Score pictures" "The similarity score as grey, 16 bits"
     /// NumPy array per prompt: the unchanged scores, f32, rows × columns.
-    Npy "npy"."npy" PerPrompt "NumPy file per frame and prompt: scores as f32"
+    Npy "npy"."npy" PerFrameAndPrompt "NumPy file per frame and prompt: scores as f32"
         [Data 6] "Score arrays" "The similarity score as numbers (NumPy)"
     /// YOLO's segmentation labels: a polygon per part that was found, in shares of the picture.
     Yolo "yolo"."txt" PerFrame "YOLO labels per frame: polygons in shares of the picture, named in data.yaml"
@@ -174,9 +174,9 @@ impl Format {
         matches!(self, Self::Cutout | Self::Overlay | Self::Video | Self::Gif | Self::Sheet)
     }
 
-    /// Returns `true` if there is one file per prompt, not one per frame.
-    pub fn is_per_prompt(self) -> bool {
-        self.row().files == Files::PerPrompt
+    /// Returns `true` if there is one file per frame and prompt.
+    pub fn is_per_frame_and_prompt(self) -> bool {
+        self.row().files == Files::PerFrameAndPrompt
     }
 
     /// Returns `true` if there is one file about all frames.
@@ -191,7 +191,7 @@ pub fn num_files(formats: &[Format], frames: usize, prompts: usize) -> usize {
     if prompts == 0 {
         return 0;
     }
-    let of_format = |format: &Format| match (format.is_series(), format.is_per_prompt()) {
+    let of_format = |format: &Format| match (format.is_series(), format.is_per_frame_and_prompt()) {
         (true, _) => 1,
         (false, true) => frames * prompts,
         (false, false) => frames,

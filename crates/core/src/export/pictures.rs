@@ -17,14 +17,14 @@ pub(super) struct File {
     pub(super) bytes: Vec<u8>,
 }
 
-/// Content of one file: a format, and a prompt if there is one file per prompt.
+/// Content of one file: a format, and a prompt if there is one file per frame and prompt.
 type PictureFile = (Format, Option<usize>);
 
 /// Returns the parts of a frame, in the order of their files.
 fn parts(provenance: &Provenance) -> Vec<PictureFile> {
     let prompts = 0..provenance.prompts.len();
     let of_format = |&format: &Format| -> Vec<PictureFile> {
-        if format.is_per_prompt() {
+        if format.is_per_frame_and_prompt() {
             prompts.clone().map(|p| (format, Some(p))).collect()
         } else {
             vec![(format, None)]

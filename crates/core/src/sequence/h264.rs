@@ -10,6 +10,7 @@ use super::{
     mp4::{CodedPicture, Description, Framing, Mp4},
     nal::{IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
     read,
+    times::speed_of,
 };
 use crate::{
     Error, Result,
@@ -103,7 +104,7 @@ impl H264 {
         let end = mp4.cut.used.start + mp4.frames_there();
         let mut video = Self {
             file: file.clone(),
-            frames_per_second: mean_speed(&mp4),
+            frames_per_second: frames_per_second(&mp4),
             tick_s: 1.0 / f64::from(mp4.timescale),
             starts: candidates(&mp4),
             shown: mp4.in_order_of_showing(),
@@ -323,11 +324,10 @@ impl H264 {
 }
 
 /// Returns the frames per second between the first and the last time of showing.
-fn mean_speed(mp4: &Mp4) -> Option<f32> {
+fn frames_per_second(mp4: &Mp4) -> Option<f32> {
     let times = || mp4.pictures.iter().map(|picture| picture.shown_at);
     let ticks = times().max()?.checked_sub(times().min()?)?;
-    let speed = (mp4.pictures.len() - 1) as f64 * f64::from(mp4.timescale) / ticks as f64;
-    (speed.is_finite() && speed > 0.0).then_some(speed as f32)
+    speed_of(mp4.pictures.len(), ticks as f64, f64::from(mp4.timescale))
 }
 
 /// Returns the sync samples with their position in the order of showing, if nothing earlier is

@@ -10,7 +10,12 @@ const UNEVEN: f64 = 1.5;
 
 /// Returns the frames per second from the first to the last of some times, seconds.
 pub(super) fn mean_speed(seconds: &[f64]) -> Option<f32> {
-    let speed = (seconds.len().checked_sub(1)?) as f64 / (seconds.last()? - seconds.first()?);
+    speed_of(seconds.len(), seconds.last()? - seconds.first()?, 1.0)
+}
+
+/// Returns the frames per second of `frames`, the first and the last of which are `ticks` apart.
+pub(super) fn speed_of(frames: usize, ticks: f64, ticks_per_second: f64) -> Option<f32> {
+    let speed = frames.checked_sub(1)? as f64 * ticks_per_second / ticks;
     (speed.is_finite() && speed > 0.0).then_some(speed as f32)
 }
 

@@ -59,7 +59,7 @@ pub fn is_checkpoint(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
     // The last byte is the version.
-    read.is_ok() && start.starts_with(b"SurgTPGS train ")
+    read.is_ok() && start.starts_with(&MAGIC[..MAGIC.len() - 1])
 }
 
 /// Writes a checkpoint completely or not at all.
