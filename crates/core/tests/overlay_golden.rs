@@ -25,7 +25,7 @@ fn disc(x: f32, y: f32, radius: f32) -> Grid<f32> {
 }
 
 fn drawn(style: OverlayStyle) -> RgbImage {
-    let settings = DemoSettings { width: SIZE.0, height: SIZE.1, frames: 4, ..DemoSettings::default() };
+    let settings = DemoSettings::of_size(SIZE.0, SIZE.1, 4);
     let frame = Demo::new(&settings).unwrap().frame(1).colour;
     let (left, right) = (disc(0.35, 0.45, 0.3), disc(0.65, 0.6, 0.25));
     let prompt = |scores, colour| OverlayPrompt::new(scores, 0.5, colour);

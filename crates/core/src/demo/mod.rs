@@ -63,6 +63,13 @@ impl Default for DemoSettings {
     }
 }
 
+impl DemoSettings {
+    /// Returns the settings of a clip of this size and length, all else as by default.
+    pub fn of_size(width: usize, height: usize, frames: usize) -> Self {
+        Self { width, height, frames, ..Self::default() }
+    }
+}
+
 /// Playing speed of the clip; the breathing and the instrument repeat after 48 frames unless they wander.
 pub const FRAMES_PER_SECOND: f32 = 25.0;
 

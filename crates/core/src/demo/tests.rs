@@ -163,7 +163,7 @@ fn two_cameras_see_the_same_surface() {
 fn impossible_settings_are_refused() {
     let bad = [(15, 72, 3), (96, 5000, 3), (96, 72, 0)];
     for (width, height, frames) in bad {
-        let settings = DemoSettings { width, height, frames, ..Default::default() };
+        let settings = DemoSettings::of_size(width, height, frames);
         assert!(render_frame(&settings, 0).unwrap_err().to_string().contains("16 to 4096"));
     }
 }

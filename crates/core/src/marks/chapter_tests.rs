@@ -20,13 +20,17 @@ fn in_chapters<const N: usize>(ranges: [(Range<usize>, Range<usize>); N]) -> Sce
     parts.fold(None, |earlier, part| Some(Scene::joined(earlier, part))).unwrap()
 }
 
-#[test]
-fn marks_reach_the_next_chapter_as_masks_and_are_redetected_beyond_a_cut() {
-    let marks = vec![
+/// Strokes on the two sides of the wall in the first frame.
+fn liver_and_fat() -> Vec<Mark> {
+    vec![
         stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
         stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-    ];
-    let marks = Marks::new(marks, &canvas()).unwrap();
+    ]
+}
+
+#[test]
+fn marks_reach_the_next_chapter_as_masks_and_are_redetected_beyond_a_cut() {
+    let marks = Marks::new(liver_and_fat(), &canvas()).unwrap();
     // Frame 2 belongs to the second chapter alone, so that a cut parts the third.
     let chapters = in_chapters([(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)]);
     let mut chapter_marks = ChapterMarks::new(&marks);
@@ -103,11 +107,8 @@ fn marks_reach_a_chapter_from_both_sides() {
 fn what_a_name_is_not_in_another_chapter_takes_nothing_away() {
     let chapters = in_chapters([(0..2, 0..3), (2..4, 1..5), (4..6, 3..6)]);
     let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
-    let mut marks = vec![
-        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
-        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-        stroke(3, "liver", false, &[[60.0, 8.0], [60.0, 12.0]]),
-    ];
+    let mut marks = liver_and_fat();
+    marks.push(stroke(3, "liver", false, &[[60.0, 8.0], [60.0, 12.0]]));
     let marks_in = |marks: &[Mark], index: usize| {
         let scene = chapters.of_chapter(index).unwrap();
         let mut chapter_marks = ChapterMarks::new(&Marks::new(marks.to_vec(), &canvas).unwrap());
@@ -131,10 +132,8 @@ fn corrections_of_what_the_scene_finds_stay_in_their_chapter() {
     chapters.codec = Some(Codec { encoder: Vec::new(), decoder: Vec::new() });
     chapters.classes = vec![(Class { id: 1, name: "liver".into(), colour: [0; 3] }, vec![1.0])];
     let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
-    let marks = vec![
-        stroke(0, "liver", false, &[[8.0, 10.0], [20.0, 40.0]]),
-        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-    ];
+    let mut marks = liver_and_fat();
+    marks[0].add = false;
     let mut chapter_marks = ChapterMarks::new(&Marks::new(marks, &canvas).unwrap());
     let scene = chapters.of_chapter(1).unwrap();
     assert!(scene.finds("liver") && !scene.finds("fat"));
@@ -148,11 +147,7 @@ fn a_chapter_far_away_waits_for_few_others() {
     let chapters =
         in_chapters::<N>(std::array::from_fn(|k| (2 * k..2 * k + 2, (2 * k).saturating_sub(1)..2 * k + 3)));
     let canvas = Canvas { num_frames: 2 * N, frame_names: Vec::new(), ..canvas() };
-    let marks = vec![
-        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
-        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-    ];
-    let mut chapter_marks = ChapterMarks::new(&Marks::new(marks, &canvas).unwrap());
+    let mut chapter_marks = ChapterMarks::new(&Marks::new(liver_and_fat(), &canvas).unwrap());
     let scene = chapters.of_chapter(N - 1).unwrap();
     let mut frames = std::collections::BTreeSet::new();
     let mut pictures = |i| {

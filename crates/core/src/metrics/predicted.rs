@@ -397,7 +397,7 @@ mod tests {
 
     fn recording() -> (tempfile::TempDir, Sequence) {
         let folder = tempfile::tempdir().unwrap();
-        let settings = DemoSettings { width: 32, height: 24, frames: 12, ..Default::default() };
+        let settings = DemoSettings::of_size(32, 24, 12);
         demo::write(&settings, folder.path(), &mut unobserved).unwrap();
         let sequence = Sequence::open(folder.path()).unwrap();
         (folder, sequence)

@@ -7,7 +7,7 @@ use crate::{
     marks::{Mark, Marks, Shape},
     progress::{Progress, unobserved},
     sequence::HiddenRectangle,
-    stress::made_up_encoder,
+    stress::{made_up_encoder, one_hot},
 };
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use std::{fs, ops::ControlFlow};
@@ -126,9 +126,7 @@ fn marked_pixels_have_the_rows_of_their_names() {
     let marks = [(0, "liver", 4.0), (1, "gallbladder", 4.0), (4, "grasper", 20.0), (4, "liver", 4.0)]
         .map(|(frame, name, x)| Mark::new(frame, name, true, shape(x)));
     let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
-    let names = marks.names();
-    let row = |k: usize| (0..DIM).map(|j| f32::from(u8::from(j == k))).collect();
-    let embeddings: Vec<Vec<f32>> = (0..names.len()).map(row).collect();
+    let embeddings = one_hot(marks.names().len(), DIM);
     let named = || MarkedNames { marks: &marks, encoder: encoder(), embeddings: &embeddings };
     let folder = place.path().join("prep");
     let mut stages = Vec::new();
@@ -409,7 +407,7 @@ fn a_real_clip_is_prepared_in_full() {
 fn what_labels_leave_open_is_background() {
     let dir = tempfile::tempdir().unwrap();
     let [recording, folder] = ["recording", "prepared"].map(|name| dir.path().join(name));
-    let small = DemoSettings { width: 64, height: 48, frames: 3, ..DemoSettings::default() };
+    let small = DemoSettings::of_size(64, 48, 3);
     demo::write(&small, &recording, &mut unobserved).unwrap();
     for i in 0..3 {
         // Liver alone keeps its label.
@@ -430,7 +428,7 @@ fn what_labels_leave_open_is_background() {
     let without = prepared(&rows);
     let liver = without.regions(0).unwrap().unwrap().map(|region| *region == 0);
     assert_eq!(names(&without), ["liver"]);
-    rows.push((0..DIM).map(|j| if j == 0 { 1.0 } else { 0.0 }).collect());
+    rows.extend(one_hot(1, DIM));
     let with = prepared(&rows);
     assert_eq!(names(&with), ["liver", BACKGROUND]);
     let map = with.regions(0).unwrap().unwrap();

@@ -3,9 +3,9 @@
 mod clip;
 mod invariance;
 
-#[cfg(test)]
-pub(crate) use clip::made_up_encoder;
 pub use clip::small_clip;
+#[cfg(test)]
+pub(crate) use clip::{made_up_encoder, one_hot};
 pub use invariance::{Invariance, invariances};
 
 use crate::{

@@ -9,7 +9,7 @@ use crate::{
 use tempfile::TempDir;
 
 fn demo_settings(frames: usize) -> DemoSettings {
-    DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() }
+    DemoSettings::of_size(64, 48, frames)
 }
 
 /// A recording with made-up embeddings of its classes.
@@ -429,7 +429,7 @@ fn held_out_frames_are_guessed_and_never_read() {
 #[test]
 fn a_guess_is_nearer_than_the_mean_of_the_frames_around() {
     let folder = tempfile::tempdir().unwrap();
-    let settings = DemoSettings { width: 160, height: 120, frames: 12, ..DemoSettings::default() };
+    let settings = DemoSettings::of_size(160, 120, 12);
     demo::write(&settings, folder.path(), &mut unobserved).unwrap();
     let sequence = Sequence::open(folder.path()).unwrap();
     let mut trainer = Trainer::new(&sequence, None, TrainSettings { eval: true, ..short(1) }).unwrap();

@@ -203,7 +203,7 @@ mod tests {
     #[test]
     fn one_frame_with_pixels_is_enough_for_a_chapter() {
         let folder = tempfile::tempdir().unwrap();
-        let small = DemoSettings { width: 48, height: 32, frames: 40, ..DemoSettings::default() };
+        let small = DemoSettings::of_size(48, 32, 40);
         demo::write(&small, folder.path(), &mut unobserved).unwrap();
         let hide = |frame: usize| {
             let path = folder.path().join(format!("masks/frame_{frame:06}.png"));
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn the_only_chapter_that_is_left_is_one_unless_it_is_the_whole_recording() {
         let folder = tempfile::tempdir().unwrap();
-        let small = DemoSettings { width: 48, height: 32, frames: 40, ..DemoSettings::default() };
+        let small = DemoSettings::of_size(48, 32, 40);
         demo::write(&small, folder.path(), &mut unobserved).unwrap();
         let sequence = Sequence::open(folder.path()).unwrap();
         let plan = |chapter_frames: usize, excluded: Vec<(usize, usize)>| {

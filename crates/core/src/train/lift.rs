@@ -150,7 +150,7 @@ mod tests {
         marks::{Mark, Marks, Shape},
         prepare::{MarkedNames, prepare_from_marks},
         progress::unobserved,
-        stress::made_up_encoder,
+        stress::{made_up_encoder, one_hot},
         train::TrainSettings,
     };
     use std::path::Path;
@@ -164,8 +164,7 @@ mod tests {
         let shape = |x: f32| Shape::Box { corners_px: [[x, 10.0], [x + 20.0, 36.0]] };
         let marks = [("liver", 6.0), ("fat", 36.0)].map(|(name, x)| Mark::new(0, name, true, shape(x)));
         let marks = Marks::new(marks.to_vec(), &sequence.canvas()).unwrap();
-        let row = |k: usize| (0..DIM).map(|j| f32::from(u8::from(j == k))).collect();
-        let embeddings: Vec<Vec<f32>> = (0..2).map(row).collect();
+        let embeddings = one_hot(2, DIM);
         let named = MarkedNames { marks: &marks, encoder: made_up_encoder(DIM), embeddings: &embeddings };
         let codec = CodecSettings { steps: 60, ..CodecSettings::default() };
         let prepared = prepare_from_marks(sequence, named, true, &codec, folder, &mut unobserved).unwrap();
@@ -181,7 +180,7 @@ mod tests {
     fn marks_are_kept_as_they_were_made() {
         let folder = tempfile::tempdir().unwrap();
         let [recording, prepared] = ["recording", "prepared"].map(|name| folder.path().join(name));
-        let small = DemoSettings { width: 64, height: 48, frames: 12, ..DemoSettings::default() };
+        let small = DemoSettings::of_size(64, 48, 12);
         demo::write(&small, &recording, &mut unobserved).unwrap();
         let sequence = Sequence::open(&recording).unwrap();
         let stroke = |points_px: Vec<[f32; 2]>| Shape::Stroke { points_px, radius_px: 3.0 };
@@ -204,7 +203,7 @@ mod tests {
     fn marks_are_carried_without_a_look_at_held_out_frames() {
         let folder = tempfile::tempdir().unwrap();
         let recording = folder.path().join("recording");
-        let small = DemoSettings { width: 64, height: 48, frames: 12, ..DemoSettings::default() };
+        let small = DemoSettings::of_size(64, 48, 12);
         demo::write(&small, &recording, &mut unobserved).unwrap();
         let before = lifted(&recording, &folder.path().join("before"));
         assert!(before.iter().any(|f| *f != 0.0));

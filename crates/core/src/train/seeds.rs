@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn frames_that_show_nothing_are_passed_over() {
         let folder = tempfile::tempdir().unwrap();
-        let small = DemoSettings { width: 64, height: 48, frames: 8, ..DemoSettings::default() };
+        let small = DemoSettings::of_size(64, 48, 8);
         demo::write(&small, folder.path(), &mut unobserved).unwrap();
         let sequence = Sequence::open(folder.path()).unwrap();
         let all: Vec<usize> = (0..8).collect();
