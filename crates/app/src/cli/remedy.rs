@@ -1,6 +1,6 @@
 //! Errors and notes in the terms of the command line.
 
-use surgtpgs_core::{Error, Remedy, poses::Verdict};
+use surgtpgs_core::{Error, Remedy, poses::ScopeVerdict};
 
 /// Returns the message of an error, with the option or the verb that helps.
 pub(super) fn message(error: &Error) -> String {
@@ -18,10 +18,12 @@ pub(super) fn message(error: &Error) -> String {
 }
 
 /// Returns the note on a recording's camera, with the option that helps; `None` if there is nothing to say.
-pub(super) fn scope_note(scope: &Verdict) -> Option<String> {
+pub(super) fn scope_note(scope: &ScopeVerdict) -> Option<String> {
     let note = scope.note()?;
     Some(match scope {
-        Verdict::TooLong { .. } => format!("{note}. A smaller number of `--chapter-frames` above 0 helps"),
+        ScopeVerdict::TooLong { .. } => {
+            format!("{note}. A smaller number of `--chapter-frames` above 0 helps")
+        }
         _ => note,
     })
 }
@@ -32,9 +34,9 @@ mod tests {
 
     #[test]
     fn where_too_much_is_learned_together_the_option_is_named() {
-        let note = |has_poses| scope_note(&Verdict::TooLong { frames: 5000, has_poses }).unwrap();
+        let note = |has_poses| scope_note(&ScopeVerdict::TooLong { frames: 5000, has_poses }).unwrap();
         assert!([true, false].map(note).iter().all(|note| note.contains("`--chapter-frames`")));
-        assert!(!scope_note(&Verdict::Unclear).unwrap().contains("--"));
-        assert_eq!(scope_note(&Verdict::Still), None);
+        assert!(!scope_note(&ScopeVerdict::Unclear).unwrap().contains("--"));
+        assert_eq!(scope_note(&ScopeVerdict::Still), None);
     }
 }

@@ -2,7 +2,7 @@
 
 use surgtpgs_core::{
     Error, Result,
-    poses::{self, ANY_DEPTH, Timeline, Verdict},
+    poses::{self, ANY_DEPTH, ScopeVerdict, Timeline},
     progress::Observer,
     sequence::{self, CheckReport, Sequence},
 };
@@ -37,10 +37,10 @@ fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>)
     };
     let last = end.saturating_sub(1);
     let verdict = match path.verdict {
-        Verdict::Moves { fov_x_degrees, period_frames, known } => {
-            let part = known.map(Verdict::known_note);
+        ScopeVerdict::Moves { fov_x_degrees, period_frames, known } => {
+            let part = known.map(ScopeVerdict::known_note);
             let lens = fov_x_degrees.map(|fov| format!(", and its field of view, which is about {fov:.0}°"));
-            let sway = period_frames.map(Verdict::sway_note);
+            let sway = period_frames.map(ScopeVerdict::sway_note);
             Some(format!(
                 "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures{}{}{}",
                 part.unwrap_or_default(),

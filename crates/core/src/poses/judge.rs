@@ -1,7 +1,7 @@
 //! Judgement on a path: does it explain what is seen, better than a camera that stands still?
 
 use super::{
-    INLIER_PX, MIN_INLIER_RATIO, MIN_PARALLAX_FOR_DEPTH, ScopePath, Verdict,
+    INLIER_PX, MIN_INLIER_RATIO, MIN_PARALLAX_FOR_DEPTH, ScopePath, ScopeVerdict,
     adjust::{Landmark, Observation, RobustResidual},
     build::Builder,
     lens::Lens,
@@ -66,15 +66,15 @@ pub(super) fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
 /// Judges a finished path. One that explains much, but by depths that hardly any surface inside of a body
 /// has, and while some points stand still, follows tissue that moves by itself. A scope whose path explains
 /// no more stands still if that explains much, or some points stand still.
-pub(super) fn verdict(path: &ScopePath, tracks: &[Track], builder: &Builder, lens: &Lens) -> Verdict {
+pub(super) fn verdict(path: &ScopePath, tracks: &[Track], builder: &Builder, lens: &Lens) -> ScopeVerdict {
     let gain = path.moving_share - path.still_share;
     let some_stand = standing_share(tracks, builder.poses.len()) >= MOST_STANDING;
     let is_surface = depth_range(builder, lens) <= MAX_DEPTH_RATIO || !some_stand;
     let is_still = path.still_share >= MIN_INLIER_RATIO || some_stand;
     match (gain >= MIN_INLIER_GAIN, path.moving_share >= MIN_INLIER_RATIO && is_surface) {
-        (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
-        (false, _) if is_still => Verdict::Still,
-        _ => Verdict::Unclear,
+        (true, true) => ScopeVerdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
+        (false, _) if is_still => ScopeVerdict::Still,
+        _ => ScopeVerdict::Unclear,
     }
 }
 

@@ -16,6 +16,9 @@ mod surface;
 #[cfg(test)]
 mod tests;
 mod tracks;
+mod verdict;
+
+pub use verdict::ScopeVerdict;
 
 use crate::{
     Result,
@@ -31,16 +34,15 @@ use adjust::{Landmark, Observation};
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
-use judge::{MIN_INLIER_GAIN, is_explained, moving_share, still_share, verdict};
+use judge::{MIN_INLIER_GAIN, is_explained};
 use lens::{Lens, likely_zoom};
 use patch::View;
 use std::ops::{Range, RangeInclusive};
 use tracks::{Follower, Track};
+use verdict::MOST_FRAMES;
 
 /// Longest side of what is in view in the pictures that are looked at, px; larger ones are halved.
 const LONGEST_SIDE: usize = 720;
-/// Most frames of a recording, or of a chapter, that points are followed through; a frame takes some 50 ms.
-const MOST_FRAMES: usize = 3000;
 /// Fewest frames of a track.
 const SHORTEST_TRACK: usize = 4;
 /// Number of points that the depth of a pixel is taken from.
@@ -68,96 +70,15 @@ const MOST_STEPS_BEYOND: f64 = 1.5;
 /// Number of frames around that the usual sharpness is taken from.
 const AROUND: usize = 12;
 
-/// The judgement on a recording's camera.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// It stands still, or nothing says otherwise.
-    #[default]
-    Still,
-    /// It moves along a path that explains what is seen.
-    Moves {
-        /// Horizontal field of view, degrees, if that was estimated, too.
-        fov_x_degrees: Option<f32>,
-        /// Number of frames after which the tissue comes back, if it was seen to come back again and again:
-        /// what of the path does, too, is not in it.
-        period_frames: Option<f32>,
-        /// First and last frame that the path is known for, if it breaks off: before and after them the
-        /// camera is taken to stand still.
-        known: Option<[usize; 2]>,
-    },
-    /// Something moves that neither a still camera nor a path explains.
-    Unclear,
-    /// Its poses are known, and explain little of what is seen.
-    Unexplained,
-    /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is
-    /// longer than half of the recording.
-    Lost(usize),
-    /// Too many frames are learned together: nothing was looked for.
-    TooLong {
-        /// Number of these frames.
-        frames: usize,
-        /// `true` if the poses are known, and depth would follow from them.
-        has_poses: bool,
-    },
-}
-
-impl Verdict {
-    /// Says, at the end of a sentence, that what sways with a period is taken for tissue.
-    pub fn sway_note(period_frames: f32) -> String {
-        format!(
-            "; what comes again every {period_frames:.0} frames is taken for tissue that breathes or beats"
-        )
-    }
-
-    /// Says, after "from the pictures", of which frames the path is known.
-    pub fn known_note([first, last]: [usize; 2]) -> String {
-        format!(" of frames {first} to {last}, before and after which it is not known")
-    }
-
-    /// Returns a sentence for users; `None` if the camera stands still, as they expect.
-    pub fn note(&self) -> Option<String> {
-        let still = "the scope is taken to stand still";
-        match self {
-            Self::Still => None,
-            Self::Moves { fov_x_degrees, period_frames, known } => {
-                let part = known.map(Self::known_note).unwrap_or_default();
-                let lens = fov_x_degrees.map(|fov| format!(", and its field of view as {fov:.0}°"));
-                let lens = lens.unwrap_or_default();
-                let sway = period_frames.map(Self::sway_note).unwrap_or_default();
-                Some(format!("The scope moves: its path was estimated from the pictures{part}{lens}{sway}"))
-            }
-            Self::Unclear => {
-                Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
-            }
-            Self::Unexplained => Some(
-                "The camera's poses explain little of what is seen: much moves by itself, or they are not of this \
-                 recording"
-                    .into(),
-            ),
-            Self::Lost(frame) => Some(format!(
-                "The scope's path breaks off at frame {frame}, where nothing is seen that was seen before: {still}"
-            )),
-            Self::TooLong { frames, has_poses } => {
-                let (what, so) = match has_poses {
-                    true => ("points are followed through", "depth is not known"),
-                    false => ("the scope's path is looked for in", still),
-                };
-                Some(format!("{frames} frames are learned together, and {what} {MOST_FRAMES} at most: {so}"))
-            }
-        }
-    }
-}
-
 /// Judgement on a recording's camera, and its path if it moves.
 #[derive(Clone, Debug, Default)]
 pub struct ScopePath {
     /// The judgement.
-    pub verdict: Verdict,
+    pub verdict: ScopeVerdict,
     /// Share of the points' observations within 1.5 px of where a still camera would see them.
-    pub still_share: f64,
+    still_share: f64,
     /// The same with the path.
-    pub moving_share: f64,
+    moving_share: f64,
     /// Factor from the assumed focal length to the one that explains what is seen; `None` where the lens is
     /// known, or nothing tells.
     pub zoom: Option<f32>,
@@ -179,6 +100,11 @@ pub struct ScopePath {
 }
 
 impl ScopePath {
+    /// A judgement, without a path.
+    pub(crate) fn judged(verdict: ScopeVerdict) -> Self {
+        Self { verdict, ..Self::default() }
+    }
+
     /// Returns the pose, `camera_from_world`, to which tissue at rest is what frame `i` shows; `recorded`
     /// without a path.
     pub(crate) fn pose_to_tissue(&self, i: usize, recorded: Affine3A) -> Affine3A {
@@ -230,10 +156,10 @@ pub fn are_wanted(sequence: &Sequence) -> bool {
 
 /// Returns the judgement on a recording of which too many frames are learned together for what would be
 /// looked for; `None` if it can be, or nothing would.
-pub(crate) fn too_long(sequence: &Sequence, frames: usize) -> Option<Verdict> {
+pub(crate) fn too_long(sequence: &Sequence, frames: usize) -> Option<ScopeVerdict> {
     let has_poses = can_triangulate(sequence);
     let is_too_long = frames > MOST_FRAMES && (has_poses || are_wanted(sequence));
-    is_too_long.then_some(Verdict::TooLong { frames, has_poses })
+    is_too_long.then_some(ScopeVerdict::TooLong { frames, has_poses })
 }
 
 /// Returns `true` if nothing is known of a recording's lens.
@@ -270,7 +196,7 @@ pub fn estimate(
     observer: &mut Observer<'_>,
 ) -> Result<ScopePath> {
     let mut followed = Followed::new(sequence, timeline, observer)?;
-    let still_share = still_share(&followed.tracks);
+    let still_share = judge::still_share(&followed.tracks);
     let mut path = ScopePath {
         still_share,
         moving_share: still_share,
@@ -291,50 +217,73 @@ pub fn estimate(
     let (mut builder, known_depth) = match followed.build(sequence)? {
         Ok(built) => built,
         Err(first_break) => {
-            path.verdict = Verdict::Lost(first_break);
+            path.verdict = ScopeVerdict::Lost(first_break);
             return Ok(path);
         }
     };
     let Followed { tracks, lens, used, views, .. } = followed;
-    let known = (used.len() < num_used).then(|| [used[0], used[used.len() - 1]]);
     path.still_share = judge::still_share(&tracks);
-    path.moving_share = moving_share(&builder, &lens);
-    path.verdict = verdict(&path, &tracks, &builder, &lens);
-    if !matches!(path.verdict, Verdict::Moves { .. }) {
+    path.moving_share = judge::moving_share(&builder, &lens);
+    path.verdict = judge::verdict(&path, &tracks, &builder, &lens);
+    if !matches!(path.verdict, ScopeVerdict::Moves { .. }) {
         return Ok(path);
     }
     Progress::new("looking for points again", 0, 1).tell(observer)?;
     again::find(&mut builder, &lens, &views);
-    let times: Vec<f32> = used.iter().map(|&frame| timeline.times[frame]).collect();
     // With measured depth, the unit is the typical one already.
     let unit = if sequence.depth_origin().is_measured() { 1.0 } else { median_depth(&builder) };
     let scale = known_depth.unwrap_or(f64::from(typical_depth)) / unit;
-    let of_all_frames = |poses: &[DAffine3]| -> Vec<Affine3A> {
-        let poses = poses.iter().map(|pose| scaled(pose, scale));
-        let known: Vec<(f32, DAffine3)> = times.iter().copied().zip(poses).collect();
-        timeline.times.iter().map(|t| single(&pose_at(&known, *t))).collect()
-    };
-    let found = of_all_frames(&builder.poses);
     path.zoom = zoom.map(|zoom| zoom as f32);
-    let steadied = breath::steady(&builder, lens.focal_px(), &times);
-    if steadied.as_ref().is_some_and(|steadied| steadied.is_still) {
-        path.verdict = Verdict::Still;
-        let still = sequence.camera(0).camera_from_world;
-        path.swaying = found.into_iter().map(|pose| pose * still).collect();
-        return Ok(path);
-    }
-    let num_frames = timeline.times.len() as f64;
-    path.verdict = Verdict::Moves {
-        fov_x_degrees: zoom.map(|_| lens.camera.field_of_view_degrees()[0]),
-        period_frames: steadied.as_ref().map(|steadied| (steadied.period * num_frames) as f32),
-        known,
-    };
-    path.points = points(&builder, &lens, scale, &used);
-    (path.poses, path.swaying) = match steadied {
-        Some(steadied) => (of_all_frames(&steadied.poses), found),
-        None => (found, Vec::new()),
-    };
+    let known_frames = (used.len() < num_used).then(|| [used[0], used[used.len() - 1]]);
+    let found = FoundPath { builder: &builder, lens: &lens, used: &used, times: timeline.times, scale };
+    found.tell(&mut path, sequence.camera(0).camera_from_world, known_frames);
     Ok(path)
+}
+
+/// A path that explains what is seen, in units of its own.
+struct FoundPath<'a> {
+    builder: &'a Builder,
+    lens: &'a Lens,
+    /// Frames of the path.
+    used: &'a [usize],
+    /// Time of every frame of the recording.
+    times: &'a [f32],
+    /// Factor from the path's units to those of the scene.
+    scale: f64,
+}
+
+impl FoundPath<'_> {
+    /// Puts poses and points of all frames into `path`, without the motion of tissue that comes again and again.
+    /// `still` is the pose of a camera that stands still; `known` are the first and the last frame of a path
+    /// that breaks off.
+    fn tell(&self, path: &mut ScopePath, still: Affine3A, known: Option<[usize; 2]>) {
+        let times: Vec<f32> = self.used.iter().map(|&frame| self.times[frame]).collect();
+        let poses = self.of_all_frames(&self.builder.poses, &times);
+        let steadied = breath::steady(self.builder, self.lens.focal_px(), &times);
+        if steadied.as_ref().is_some_and(|steadied| steadied.is_still) {
+            path.verdict = ScopeVerdict::Still;
+            path.swaying = poses.into_iter().map(|pose| pose * still).collect();
+            return;
+        }
+        let num_frames = self.times.len() as f64;
+        path.verdict = ScopeVerdict::Moves {
+            fov_x_degrees: path.zoom.map(|_| self.lens.camera.field_of_view_degrees()[0]),
+            period_frames: steadied.as_ref().map(|steadied| (steadied.period * num_frames) as f32),
+            known,
+        };
+        path.points = points(self.builder, self.lens, self.scale, self.used);
+        (path.poses, path.swaying) = match steadied {
+            Some(steadied) => (self.of_all_frames(&steadied.poses, &times), poses),
+            None => (poses, Vec::new()),
+        };
+    }
+
+    /// Returns the poses of all frames from those of the path's frames, which are at `times`.
+    fn of_all_frames(&self, poses: &[DAffine3], times: &[f32]) -> Vec<Affine3A> {
+        let poses = poses.iter().map(|pose| scaled(pose, self.scale));
+        let known: Vec<(f32, DAffine3)> = times.iter().copied().zip(poses).collect();
+        self.times.iter().map(|t| single(&pose_at(&known, *t))).collect()
+    }
 }
 
 /// Returns the factor from the focal length that is assumed of a recording to the one that best explains what
@@ -354,7 +303,7 @@ pub(crate) fn shared_zoom(
     for frames in parts {
         let frames = &frames[..frames.len().min(lens::FRAMES)];
         let followed = Followed::new(sequence, Timeline { frames, times }, observer)?;
-        if 1.0 - still_share(&followed.tracks) >= MIN_INLIER_GAIN {
+        if 1.0 - judge::still_share(&followed.tracks) >= MIN_INLIER_GAIN {
             moving.push(followed);
         }
     }
@@ -379,10 +328,10 @@ pub(crate) fn triangulate_with_known_poses(
     let landmarks = lens::landmarks(&tracks, |slot| Lens { camera: sequence.camera(used[slot]), ..lens });
     let mut builder = Builder::new(used.len(), landmarks, lens.focal_px());
     let scale = builder.triangulate_all(used.iter().map(pose).collect());
-    let is_explained = moving_share(&builder, &lens) >= MIN_INLIER_RATIO;
-    let points = scale.filter(|_| is_explained).map(|scale| points(&builder, &lens, scale, &used));
+    let explains_much = judge::moving_share(&builder, &lens) >= MIN_INLIER_RATIO;
+    let points = scale.filter(|_| explains_much).map(|scale| points(&builder, &lens, scale, &used));
     Ok(ScopePath {
-        verdict: if is_explained { Verdict::Still } else { Verdict::Unexplained },
+        verdict: if explains_much { ScopeVerdict::Still } else { ScopeVerdict::Unexplained },
         points: points.unwrap_or_default(),
         typical_depth: scale.map(|scale| scale as f32),
         ..ScopePath::default()

@@ -1,7 +1,7 @@
 //! Paths of generated recordings, whose true poses are known.
 
 use super::{
-    BLURRED, ScopePath, Timeline, Verdict, View, adjust,
+    BLURRED, ScopePath, ScopeVerdict, Timeline, View, adjust,
     build::Builder,
     estimate, halvings,
     judge::depth_range,
@@ -52,7 +52,7 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     let path = estimated(&Sequence::open(&images).unwrap());
     assert_eq!(
         path.verdict,
-        Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
+        ScopeVerdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
         "the lens is given"
     );
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
@@ -83,17 +83,23 @@ fn a_damaged_frame_is_passed_over_and_the_longest_part_of_a_broken_path_is_kept(
     };
     damage(12);
     let path = estimated(&Sequence::open(&images).unwrap());
-    assert!(matches!(path.verdict, Verdict::Moves { known: None, .. }), "{:?}", path.verdict);
+    assert!(matches!(path.verdict, ScopeVerdict::Moves { known: None, .. }), "{:?}", path.verdict);
     assert_eq!(path.blurred, [12]);
     (19..FRAMES).for_each(damage);
     let path = estimated(&Sequence::open(&images).unwrap());
-    let Verdict::Moves { known: Some([0, last]), .. } = path.verdict else { panic!("{:?}", path.verdict) };
+    let ScopeVerdict::Moves { known: Some([0, last]), .. } = path.verdict else {
+        panic!("{:?}", path.verdict)
+    };
     assert!((18..=19).contains(&last), "{last}");
     assert_eq!((path.poses.len(), path.poses[last]), (FRAMES, path.poses[23]), "it stands still after that");
     // Both halves are too short.
     (11..14).for_each(damage);
     let path = estimated(&Sequence::open(&images).unwrap());
-    assert!(!matches!(path.verdict, Verdict::Moves { .. }) && path.poses.is_empty(), "{:?}", path.verdict);
+    assert!(
+        !matches!(path.verdict, ScopeVerdict::Moves { .. }) && path.poses.is_empty(),
+        "{:?}",
+        path.verdict
+    );
 }
 
 /// Positions of cameras in the world.
@@ -155,7 +161,7 @@ fn breathing(moving_camera: bool) -> (Sequence, ScopePath) {
 #[test]
 fn a_scope_that_stands_still_before_breathing_tissue_is_recognised() {
     let (_, path) = breathing(false);
-    assert_eq!((&path.verdict, path.poses.len(), path.swaying.len()), (&Verdict::Still, 0, 48));
+    assert_eq!((&path.verdict, path.poses.len(), path.swaying.len()), (&ScopeVerdict::Still, 0, 48));
     let displacements = (0..48).map(|i| path.sway(i, Affine3A::IDENTITY).unwrap().translation.length());
     assert!(displacements.fold(0.0, f32::max) > 1.0, "the tissue moves by millimetres");
 }
@@ -164,7 +170,7 @@ fn a_scope_that_stands_still_before_breathing_tissue_is_recognised() {
 fn breath_is_told_from_the_path_of_the_scope() {
     let (truth, path) = breathing(true);
     let n = truth.num_frames();
-    let Verdict::Moves { period_frames: Some(period), .. } = path.verdict else {
+    let ScopeVerdict::Moves { period_frames: Some(period), .. } = path.verdict else {
         panic!("{:?}", path.verdict)
     };
     assert!((period - 24.0).abs() < 2.0, "a breath of {period} instead of 24 frames");
@@ -187,7 +193,9 @@ fn a_lens_that_is_not_known_is_found_with_the_path() {
     let truth = Sequence::open(folder.path()).unwrap().camera(0);
     let pictures = Sequence::open(&folder.path().join("images")).unwrap();
     let path = estimated(&pictures);
-    let Verdict::Moves { fov_x_degrees: Some(fov), .. } = path.verdict else { panic!("{:?}", path.verdict) };
+    let ScopeVerdict::Moves { fov_x_degrees: Some(fov), .. } = path.verdict else {
+        panic!("{:?}", path.verdict)
+    };
     let [true_fov, _] = truth.field_of_view_degrees();
     assert!((fov - true_fov).abs() < 4.0, "{fov}° instead of {true_fov}°");
     let focal = path.zoom.unwrap() * pictures.camera(0).fx;
@@ -280,7 +288,7 @@ fn a_point_without_parallax_goes_to_the_depth_of_the_points_around() {
 fn a_scope_that_stands_still_stays_where_it_is() {
     let folder = demo([320, 240], false);
     let path = estimated(&Sequence::open(folder.path()).unwrap());
-    assert_eq!((path.verdict, path.swaying.len()), (Verdict::Still, 0));
+    assert_eq!((path.verdict, path.swaying.len()), (ScopeVerdict::Still, 0));
     assert!(path.poses.is_empty() && path.still_share > 0.9, "{}", path.still_share);
 }
 

@@ -6,7 +6,7 @@ use crate::{
     Result,
     camera::Camera,
     num::{finite_percentile, spread},
-    poses::{self, ANY_DEPTH, ScopePath, Timeline, Verdict},
+    poses::{self, ANY_DEPTH, ScopePath, ScopeVerdict, Timeline},
     progress::Observer,
     sequence::{Sequence, pace, shots},
 };
@@ -131,8 +131,8 @@ fn scope(
     let times = sequence.times();
     let path = poses::estimate(sequence, Timeline { frames, times: &times }, ANY_DEPTH, observer)?;
     Ok(match path.verdict {
-        Verdict::Still => Scope::Still,
-        Verdict::Moves { .. } => Scope::Moves(path_scales(sequence, &path, frames, log_depth)),
+        ScopeVerdict::Still => Scope::Still,
+        ScopeVerdict::Moves { .. } => Scope::Moves(path_scales(sequence, &path, frames, log_depth)),
         _ => Scope::Unknown,
     })
 }

@@ -51,7 +51,7 @@ use crate::{
     clock::PassClock,
     deform::deform,
     files, metrics, num,
-    poses::Verdict,
+    poses::ScopeVerdict,
     prepare::Prepared,
     progress::{Observer, unobserved},
     raster::{Images, project::Sampling, render_deformed, render_frame},
@@ -402,7 +402,7 @@ impl Trainer {
     }
 
     /// Judgement on the recording's camera; still too if its poses are known.
-    pub fn scope(&self) -> &Verdict {
+    pub fn scope(&self) -> &ScopeVerdict {
         &self.state.scope
     }
 

@@ -15,7 +15,7 @@ use crate::{
         init::{self, SeedSettings},
     },
     num::percentile,
-    poses::{self, ScopePath, Timeline, Verdict},
+    poses::{self, ScopePath, ScopeVerdict, Timeline},
     prepare::Prepared,
     progress::Observer,
     raster::NEAR,
@@ -35,7 +35,7 @@ pub(super) struct TrainState {
     /// Time of every frame.
     pub times: Vec<f32>,
     /// Judgement on a camera whose path is not known.
-    pub scope: Verdict,
+    pub scope: ScopeVerdict,
     /// Median depth of what is seen on each frame that may be learned from, where a path was estimated.
     pub path_depths: Vec<f32>,
     /// Poses that were estimated, or that are learned; none if the recording's own are used.
@@ -190,7 +190,7 @@ fn path(
     }
     let frames = settings.frames(sequence.num_frames());
     if let Some(verdict) = poses::too_long(sequence, frames.len()) {
-        return Ok(ScopePath { verdict, ..ScopePath::default() });
+        return Ok(ScopePath::judged(verdict));
     }
     let own = sequence.times();
     let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
