@@ -1,19 +1,19 @@
 //! Chapters of a long scene. Only one is in memory; the others are read when their time comes.
 
-use super::{Problem, Revised, Scene, Similarity, file};
+use super::{
+    Revised, Scene, Similarity, file,
+    part::{HINT, Part},
+};
 use crate::{Error, Kept, Result, deform::Deformation, gaussian::Gaussians, reading::open_regular};
 use std::{
-    fs::File,
-    io::{Read, Seek, SeekFrom, Write},
+    io::{Seek, Write},
     ops::Range,
-    path::{Path, PathBuf},
+    path::Path,
     sync::{Arc, Mutex},
 };
 
 /// Key of the chapter in the settings of a scene that was trained on one alone.
 const CHAPTER: &str = "chapter";
-/// Advice where a chapter cannot be read.
-const HINT: &str = "Choose another scene file, or train the recording again.";
 
 /// A part of a recording with Gaussians of its own.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -61,52 +61,6 @@ struct Place {
 enum Source {
     Memory(Arc<(Revised<Gaussians>, Revised<Deformation>)>),
     File(Part),
-}
-
-/// A scene file, or a part of a file that is one. The file stays open, so that it can be replaced meanwhile.
-#[derive(Clone, Debug)]
-pub(super) struct Part {
-    path: PathBuf,
-    file: Arc<Mutex<File>>,
-    start: u64,
-    len: u64,
-}
-
-impl Part {
-    /// Takes bytes `start` to `start + len` of an open file.
-    pub(super) fn new(path: &Path, file: &Arc<Mutex<File>>, [start, len]: [u64; 2]) -> Self {
-        Self { path: path.to_owned(), file: file.clone(), start, len }
-    }
-
-    /// Returns the number of bytes.
-    pub(super) fn len(&self) -> u64 {
-        self.len
-    }
-
-    /// Reads the bytes.
-    pub(super) fn bytes(&self) -> std::io::Result<Vec<u8>> {
-        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        file.seek(SeekFrom::Start(self.start))?;
-        let mut bytes = Vec::new();
-        bytes.try_reserve_exact(self.len as usize)?;
-        Read::by_ref(&mut *file).take(self.len).read_to_end(&mut bytes)?;
-        Ok(bytes)
-    }
-
-    /// Reads the number of Gaussians, and nothing else.
-    fn num_gaussians(&self) -> Result<usize> {
-        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let fail = |e| Error::io("read a part of the scene", &self.path, e);
-        file.seek(SeekFrom::Start(self.start)).map_err(fail)?;
-        let number = file::num_gaussians(Read::by_ref(&mut *file).take(self.len));
-        number.ok_or_else(|| wrong(&self.path, "a chapter of the scene is damaged".into()))
-    }
-
-    /// Reads the scene.
-    pub(super) fn scene(&self) -> Result<Scene> {
-        let bytes = self.bytes().map_err(|e| Error::io("read a part of the scene", &self.path, e))?;
-        file::from_bytes(&bytes).map_err(|what| Error::input_at(&self.path, what, HINT))
-    }
 }
 
 impl Chapters {
@@ -443,15 +397,11 @@ impl Scene {
     }
 }
 
-/// Says why a file of chapters cannot be read.
-pub(super) fn wrong(path: &Path, what: Problem) -> Error {
-    Error::input_at(path, what, HINT)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::stress::ordinary;
+    use std::fs::File;
 
     /// Scenes of two chapters of a recording of nine frames; frames 3 and 4 are in none.
     fn parts() -> [Scene; 2] {

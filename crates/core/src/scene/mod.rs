@@ -7,6 +7,7 @@ mod file;
 mod fit;
 mod gltf;
 mod io;
+mod part;
 mod ply;
 mod released;
 mod revised;

@@ -6,7 +6,7 @@ use crate::{
     Error, Result,
     scene::{
         Chapter, Chapters, Problem, Provenance, Scene,
-        chapters::{Part, wrong},
+        part::{Part, wrong},
     },
 };
 use std::{
