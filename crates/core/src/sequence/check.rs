@@ -262,6 +262,20 @@ fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     }
     let maps: Vec<_> =
         facts.iter().enumerate().filter_map(|(i, f)| f.depth.as_ref().map(|d| (i, d))).collect();
+    depth_faults(sequence, facts, &maps, says);
+    let nearest = maps.iter().map(|(_, d)| d.nearest).fold(f32::INFINITY, f32::min);
+    let farthest = maps.iter().map(|(_, d)| d.farthest).fold(0.0, f32::max);
+    let known = 100.0 * mean(maps.iter().map(|(_, d)| 1.0 - d.unknown));
+    let rule = &sequence.recording().depth_rule;
+    let kind = match rule.kind {
+        super::DepthKind::Depth => format!("depth, {} units per count", rule.scale),
+        super::DepthKind::Disparity => format!("disparity, depth = {} / value", rule.scale),
+    };
+    format!("{kind}; {nearest:.4} to {farthest:.4} scene units, {known:.1} % of the pixels known")
+}
+
+/// Tells what is missing or wrong in depth maps, each given with its frame.
+fn depth_faults(sequence: &Sequence, facts: &[Facts], maps: &[(usize, &DepthFacts)], says: &mut Findings) {
     let frames_where = |test: &dyn Fn(&DepthFacts) -> bool| -> Vec<usize> {
         maps.iter().filter(|(_, d)| test(d)).map(|(i, _)| *i).collect()
     };
@@ -302,15 +316,6 @@ fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !without.is_empty() {
         says.warnings.push(format!("There is no depth for {}", name_frames(&without)));
     }
-    let nearest = maps.iter().map(|(_, d)| d.nearest).fold(f32::INFINITY, f32::min);
-    let farthest = maps.iter().map(|(_, d)| d.farthest).fold(0.0, f32::max);
-    let known = 100.0 * mean(maps.iter().map(|(_, d)| 1.0 - d.unknown));
-    let rule = &sequence.recording().depth_rule;
-    let kind = match rule.kind {
-        super::DepthKind::Depth => format!("depth, {} units per count", rule.scale),
-        super::DepthKind::Disparity => format!("disparity, depth = {} / value", rule.scale),
-    };
-    format!("{kind}; {nearest:.4} to {farthest:.4} scene units, {known:.1} % of the pixels known")
 }
 
 fn masks(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {

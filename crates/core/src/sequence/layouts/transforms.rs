@@ -96,27 +96,14 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     for (i, entry) in transforms.frames.iter().enumerate() {
         let intrinsics = entry.intrinsics.or(transforms.shared);
         known &= intrinsics.focal(size.0).is_some();
-        let camera = intrinsics.camera(size, recording.cameras[i]);
-        let of = intrinsics.size(size);
-        let stretch = size.0 / of.0 / (size.1 / of.1);
-        if !((1.0 - UNEVEN..=1.0 + UNEVEN).contains(&stretch)) {
-            let what = format!("it is for {}×{} pixels, the images are {}×{}", of.0, of.1, size.0, size.1);
-            return Err(Error::input_at(&path, what, "Give the w and h of these images, or none."));
-        }
+        let of = known_size(&path, intrinsics, size)?;
         if i == 0 && of != size {
             recording.notes.push(format!(
                 "transforms.json is for {}×{} pixels, the images are {}×{}: the camera was scaled",
                 of.0, of.1, size.0, size.1
             ));
         }
-        let pose = world_from_camera(&entry.transform_matrix).ok_or_else(|| {
-            Error::input_at(
-                &path,
-                format!("the transform_matrix of {} is not an invertible 4×4 matrix", entry.file_path),
-                "",
-            )
-        })?;
-        recording.cameras[i] = Camera { camera_from_world: pose.inverse().as_affine3a(), ..camera };
+        recording.cameras[i] = camera_of(&path, entry, intrinsics.camera(size, recording.cameras[i]))?;
         let frame = &mut recording.frames[i];
         let beside = |file: &Option<String>| file.as_ref().map(|f| folder.join(f));
         frame.mask = beside(&entry.mask_path);
@@ -141,6 +128,26 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
         );
     }
     Ok(recording)
+}
+
+/// Returns the size of pictures that intrinsics are for. Pictures of `size` must be those, only scaled.
+fn known_size(path: &Path, intrinsics: Intrinsics, size: (f64, f64)) -> Result<(f64, f64)> {
+    let of = intrinsics.size(size);
+    let stretch = size.0 / of.0 / (size.1 / of.1);
+    if !((1.0 - UNEVEN..=1.0 + UNEVEN).contains(&stretch)) {
+        let what = format!("it is for {}×{} pixels, the images are {}×{}", of.0, of.1, size.0, size.1);
+        return Err(Error::input_at(path, what, "Give the w and h of these images, or none."));
+    }
+    Ok(of)
+}
+
+/// Returns `camera` with the pose of a frame.
+fn camera_of(path: &Path, entry: &FrameEntry, camera: Camera) -> Result<Camera> {
+    let pose = world_from_camera(&entry.transform_matrix).ok_or_else(|| {
+        let what = format!("the transform_matrix of {} is not an invertible 4×4 matrix", entry.file_path);
+        Error::input_at(path, what, "")
+    })?;
+    Ok(Camera { camera_from_world: pose.inverse().as_affine3a(), ..camera })
 }
 
 /// Returns the path of a picture. Names may lack their ending, as instant-ngp writes them.
