@@ -71,58 +71,19 @@ impl TrainState {
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings, observer)?;
         let zoom = path.zoom.unwrap_or(1.0);
-        let sequence = &sequence.clone().with_zoom(zoom);
-        let settings = &settings.applied(sequence, prepared, !path.poses.is_empty());
-        let is_known = path.poses.is_empty();
-        let known = (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world);
-        let poses = match is_known && settings.refines_poses {
-            true => LearnedPoses::new(known.collect()),
-            false => LearnedPoses::new(path.poses.clone()),
-        };
-        let (gaussians, typical_depth) = initial_gaussians(sequence, &path, &seen, latent_dim, settings)?;
-        let window = settings.window(sequence.num_frames());
-        let num_bases = settings.num_bases(window.len());
-        let width = settings.basis_width / (num_bases - 1) as f32;
-        let mut deformation =
-            Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
-        deformation.shape = settings.basis_shape;
-        let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
-        if settings.chapter.is_some() {
-            deformation.squeeze(time(window.start), time(window.end - 1));
-        }
-        let sways = window.clone().filter_map(|i| {
-            let recorded = sequence.camera(i).camera_from_world;
-            Some((time(i), path.sway(i, recorded)?))
-        });
-        let sways: Vec<_> = sways.collect();
-        deformation.follow(&gaussians.means, &sways);
-        if settings.own_bases {
-            deformation = deformation.with_own_bases();
-        }
-        if settings.gate_on_scale && latent_dim <= 3 {
-            deformation.gate_channel = SCALE_CHANNEL;
-        }
-        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        // PyTorch's initial range for a layer of D + 1 inputs.
-        let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
-        let learns_features = match prepared {
-            Some(prepared) if settings.feature_mode == FeatureMode::Learned && settings.feature_motion => {
-                prepared.has_features(&settings.frames(sequence.num_frames()))?
-            }
-            _ => false,
-        };
-        // With lifted features the network starts at zero, because it would disturb them. So it does where no
-        // feature is learned: what it adds would be taken for one.
-        if learns_features {
-            let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
-            net.for_each(|v| *v = rng.random_range(-bound..bound));
-        }
+        let zoomed = &sequence.clone().with_zoom(zoom);
+        let applied = &settings.applied(zoomed, prepared, !path.poses.is_empty());
+        let poses = first_poses(zoomed, &path, applied);
+        let (gaussians, typical_depth) = initial_gaussians(zoomed, &path, &seen, latent_dim, applied)?;
+        let mut deformation = first_motion(zoomed, &path, &times, &gaussians, applied);
+        let mut rng = ChaCha8Rng::seed_from_u64(applied.seed);
+        start_network(&mut deformation, latent_dim, zoomed, prepared, applied, &mut rng)?;
         Ok(Self {
-            budget: budget(gaussians.len(), settings),
+            budget: budget(gaussians.len(), applied),
             model: Model::new(gaussians, deformation),
             rng,
             times,
-            path_depths: path.typical_depths(sequence, window),
+            path_depths: path.typical_depths(zoomed, applied.window(zoomed.num_frames())),
             scope: path.verdict,
             poses,
             zoom,
@@ -167,6 +128,76 @@ impl TrainState {
             && optimiser.fits(g, d)
             && [statistics.pull.len(), statistics.seen.len()] == [n; 2]
     }
+}
+
+/// Returns the poses that training begins with: those of the path, or if it has none and poses are learned,
+/// those of the recording.
+fn first_poses(sequence: &Sequence, path: &ScopePath, settings: &TrainSettings) -> LearnedPoses {
+    if path.poses.is_empty() && settings.refines_poses {
+        let recorded = (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world);
+        LearnedPoses::new(recorded.collect())
+    } else {
+        LearnedPoses::new(path.poses.clone())
+    }
+}
+
+/// Returns the motion that training begins with: what of the path was the motion of tissue.
+fn first_motion(
+    sequence: &Sequence,
+    path: &ScopePath,
+    times: &[f32],
+    gaussians: &Gaussians,
+    settings: &TrainSettings,
+) -> Deformation {
+    let latent_dim = gaussians.latent_dim;
+    let window = settings.window(sequence.num_frames());
+    let num_bases = settings.num_bases(window.len());
+    let width = settings.basis_width / (num_bases - 1) as f32;
+    let mut deformation =
+        Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
+    deformation.shape = settings.basis_shape;
+    let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
+    if settings.chapter.is_some() {
+        deformation.squeeze(time(window.start), time(window.end - 1));
+    }
+    let sways = window.filter_map(|i| {
+        let recorded = sequence.camera(i).camera_from_world;
+        Some((time(i), path.sway(i, recorded)?))
+    });
+    let sways: Vec<_> = sways.collect();
+    deformation.follow(&gaussians.means, &sways);
+    if settings.own_bases {
+        deformation = deformation.with_own_bases();
+    }
+    if settings.gate_on_scale && latent_dim <= 3 {
+        deformation.gate_channel = SCALE_CHANNEL;
+    }
+    deformation
+}
+
+/// Gives the feature network random weights. With lifted features it starts at zero, because it would disturb
+/// them. So it does where no feature is learned: what it adds would be taken for one.
+fn start_network(
+    deformation: &mut Deformation,
+    latent_dim: usize,
+    sequence: &Sequence,
+    prepared: Option<&Prepared>,
+    settings: &TrainSettings,
+    rng: &mut ChaCha8Rng,
+) -> Result<()> {
+    let learns_features = match prepared {
+        Some(prepared) if settings.feature_mode == FeatureMode::Learned && settings.feature_motion => {
+            prepared.has_features(&settings.frames(sequence.num_frames()))?
+        }
+        _ => false,
+    };
+    if learns_features {
+        // PyTorch's initial range for a layer of D + 1 inputs.
+        let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
+        let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
+        net.for_each(|v| *v = rng.random_range(-bound..bound));
+    }
+    Ok(())
 }
 
 /// Largest number of Gaussians, given the number of first ones: one for `px_per_gaussian` supervised pixels.
