@@ -27,6 +27,6 @@ pub use output::{Claim, Earlier, OutputFolder, claim_collection};
 pub use output_file::{FileClaim, OutputFile};
 pub use paths::{absolute_path, full_path, located_path};
 pub use place::{Inputs, require_apart};
+pub(crate) use record::{PREPARED_FILE, is_prepared, is_taken, kind_of_result};
 pub use record::{is_aside, is_free_folder, unfinished_kind};
-pub(crate) use record::{is_taken, kind_of_result};
 pub use whole::{WholeFile, write_whole, write_whole_with};

@@ -21,6 +21,9 @@ pub(super) const RECORD_FILE: &str = ".surgtpgs";
 /// Name of the lock of an output folder, inside it.
 pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
 
+/// Name of the file that tells what was prepared; it is written last.
+pub(crate) const PREPARED_FILE: &str = "prepared.json";
+
 /// Largest size of a record in bytes: that of some million files.
 const MOST_RECORD: u64 = 1 << 28;
 
@@ -185,6 +188,11 @@ pub(crate) fn is_taken(folder: &Path) -> bool {
 /// Returns the kind of the result that `folder` holds, if it holds one.
 pub(crate) fn kind_of_result(folder: &Path) -> Option<String> {
     head(folder).filter(|head| !head.holds_outputs).map(|head| head.kind)
+}
+
+/// Returns `true` if `folder` is a prepared one.
+pub(crate) fn is_prepared(folder: &Path) -> bool {
+    folder.join(PREPARED_FILE).is_file()
 }
 
 /// Returns the kind of the unfinished result that `folder` holds, if it holds one.

@@ -4,7 +4,7 @@ use super::origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::{full_path, located_path, png, write_whole},
+    files::{PREPARED_FILE, full_path, located_path, png, write_whole},
     hash::{require_sha256, sha256},
     meaning::WordFacts,
     reading::{MOST_BYTES, read_regular, values},
@@ -20,7 +20,6 @@ use std::{
     sync::Arc,
 };
 
-pub(super) const MANIFEST: &str = "prepared.json";
 pub(super) const REGIONS: &str = "regions";
 const CODEC: &str = "codec.safetensors";
 const FEATURES: &str = "features.safetensors";
@@ -112,12 +111,12 @@ impl Manifest {
     }
 
     pub(super) fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join(MANIFEST);
+        let path = folder.join(PREPARED_FILE);
         let text = match read_regular(&path, MOST_MANIFEST) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 return Err(Error::input_at(
                     folder,
-                    format!("this is not a prepared folder: it has no {MANIFEST}"),
+                    format!("this is not a prepared folder: it has no {PREPARED_FILE}"),
                     "If preparing was interrupted, start it again.",
                 ));
             }
@@ -140,7 +139,7 @@ impl Manifest {
 
     /// Writes the manifest, which marks the folder as complete.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
-        let path = folder.join(MANIFEST);
+        let path = folder.join(PREPARED_FILE);
         let text = serde_json::to_vec_pretty(self)
             .map_err(|e| Error::input_at(&path, format!("the settings cannot be written: {e}"), ""))?;
         write_whole(&path, &text)
@@ -243,11 +242,6 @@ impl Manifest {
 
 fn is_zero(number: &usize) -> bool {
     *number == 0
-}
-
-/// Returns `true` if `folder` is a prepared folder.
-pub(super) fn is_prepared(folder: &Path) -> bool {
-    folder.join(MANIFEST).is_file()
 }
 
 /// Returns the path of the region map of frame `i`, inside the folder.

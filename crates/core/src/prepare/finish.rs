@@ -1,10 +1,10 @@
 //! The common first and last steps of every way of preparing: an empty folder, and a trained codec.
 
-use super::files::{MANIFEST, Manifest, REGIONS, is_prepared};
+use super::files::{Manifest, REGIONS};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::{full_path, is_free_folder, is_taken, write_whole},
+    files::{PREPARED_FILE, full_path, is_free_folder, is_prepared, is_taken, write_whole},
     hash::file_sha256,
     progress::Observer,
     sequence::{DEPTH, Sequence, depth_file, depth_name},
@@ -53,7 +53,7 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
             "Choose a new or empty folder.",
         ));
     }
-    let manifest = folder.join(MANIFEST);
+    let manifest = folder.join(PREPARED_FILE);
     if manifest.exists() {
         std::fs::remove_file(&manifest).map_err(fail)?;
     }

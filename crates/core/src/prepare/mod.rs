@@ -98,7 +98,7 @@ pub struct Prepared {
 impl Prepared {
     /// Returns `true` if `path` is a prepared folder.
     pub fn is_prepared(path: &Path) -> bool {
-        files::is_prepared(path)
+        crate::files::is_prepared(path)
     }
 
     /// Returns `true` if a preparation into `path` was begun and not finished.

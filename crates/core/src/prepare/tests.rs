@@ -4,6 +4,7 @@ use super::*;
 use crate::{
     codec::{CodecKind, CodecSettings},
     demo::{self, DemoSettings},
+    files::PREPARED_FILE,
     marks::{Mark, Marks, Shape},
     progress::{Progress, unobserved},
     sequence::HiddenRectangle,
@@ -293,7 +294,7 @@ fn a_recording_without_labels_is_refused() {
 /// checksums of maps.
 fn prepared_before_checksums() -> (tempfile::TempDir, Prepared) {
     let (place, prepared) = prepared(false);
-    let file = prepared.folder.join(files::MANIFEST);
+    let file = prepared.folder.join(PREPARED_FILE);
     let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
     json.as_object_mut().unwrap().remove("identity").unwrap();
     json["sha256"].as_object_mut().unwrap().retain(|name, _| !name.starts_with("regions/"));

@@ -14,7 +14,10 @@ use super::{
     recording::{Recording, Selection},
     video,
 };
-use crate::{Error, Result, files::kind_of_result, prepare::Prepared};
+use crate::{
+    Error, Result,
+    files::{is_prepared, kind_of_result},
+};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -105,8 +108,8 @@ fn frames_in(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn not_a_recording(folder: &Path) -> Error {
-    let is_prepared = || Prepared::is_prepared(folder).then(|| "preparation".to_owned());
-    if let Some(kind) = kind_of_result(folder).or_else(is_prepared) {
+    let preparation = || is_prepared(folder).then(|| "preparation".to_owned());
+    if let Some(kind) = kind_of_result(folder).or_else(preparation) {
         let what = format!("this folder holds no frames: it is a {kind} that this program made");
         return Error::input_at(folder, what, "Give the recording itself.");
     }
