@@ -182,7 +182,7 @@ fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Optio
     let range = range.filter(|_| kinds.contains(&ImageKind::Depth));
     let notes = serde_json::json!({
         "tool": format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
-        "intended_use": surgtpgs_core::export::intended_use(),
+        "intended_use": surgtpgs_core::about::intended_use(),
         "sequence_name": provenance.sequence_name,
         "rendered_by": engine.renderer_name(),
         "depth_unit": engine.depth_origin().is_measured().then_some("scene units"),

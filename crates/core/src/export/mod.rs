@@ -29,12 +29,12 @@ mod yolo;
 pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
 pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource, SegType};
-pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
+pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance};
 pub use series::VideoFault;
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
 
-pub(crate) use provenance::{USUAL_SPEED, exported_files};
+pub(crate) use provenance::exported_files;
 
 use crate::{
     Error, Remedy, Result,

@@ -3,12 +3,13 @@
 use super::{ExportOptions, ExportPrompt, LeftOut};
 use crate::{
     Error, Result,
+    about::intended_use,
     files::write_whole,
     prepare::EncoderIdentity,
     reading::{MOST_BYTES, read_regular},
     relevancy::RelevancySettings,
     scene::Scene,
-    sequence::{HiddenRectangle, MAX_FRAMES_PER_SECOND, seconds_of, shown_for},
+    sequence::{HiddenRectangle, MAX_FRAMES_PER_SECOND, USUAL_SPEED, seconds_of, shown_for},
 };
 use std::{
     collections::BTreeMap,
@@ -21,15 +22,8 @@ pub const FILE_NAME: &str = "provenance.json";
 /// Version of the record's layout.
 const SCHEMA: u32 = 4;
 
-/// Frames per second of moving pictures if the recording's own speed is not known.
-pub(crate) const USUAL_SPEED: f32 = 25.0;
 /// Lowest frames per second of moving pictures: the times of slower mp4 files cannot be stored.
 const SLOWEST: f32 = 1e-3;
-
-/// Returns the text about the program's intended use and its limits; the only copy is in `assets/text`.
-pub fn intended_use() -> &'static str {
-    include_str!("../../../../assets/text/research_use.txt").trim()
-}
 
 /// Description of how an export is made. Two exports of equal provenance write the same files. It
 /// contains no path of this machine.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::{
     Remedy,
+    about::intended_use,
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
     prepare::EncoderIdentity,

@@ -13,11 +13,11 @@ use super::{
     fit::{fit_motion, sample_times},
 };
 use crate::{
+    about::intended_use,
     camera::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
     deform::{BasisShape, COLOUR_CHANNEL, Deformation},
-    export::{USUAL_SPEED, intended_use},
     raster::{DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, NEAR},
-    sequence::shown_for,
+    sequence::{USUAL_SPEED, shown_for},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
 use serde_json::{Map, Value, json};

@@ -74,6 +74,7 @@ pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
     MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
+pub(crate) use times::USUAL_SPEED;
 pub use times::{seconds_of, shown_for};
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.

@@ -2,6 +2,8 @@
 
 use crate::num::median;
 
+/// Frames per second of moving pictures if the recording's own speed is not known.
+pub(crate) const USUAL_SPEED: f32 = 25.0;
 /// Difference from an even pace that is none, seconds: clocks of files round to a millisecond.
 const SAME_TIME_S: f64 = 1.5e-3;
 /// Frames are said to be unevenly spaced if the longest time between two is more than this many times the

@@ -22,7 +22,7 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
-use surgtpgs_core::{Result, export::intended_use, files::write_whole};
+use surgtpgs_core::{Result, about::intended_use, files::write_whole};
 
 /// Errors that kept recordings from being worked on at all, by the recordings' names.
 pub(super) type Troubles = BTreeMap<String, String>;

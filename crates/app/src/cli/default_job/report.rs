@@ -13,7 +13,7 @@ use crate::{
 };
 use image::RgbImage;
 use std::path::Path;
-use surgtpgs_core::{Result, export::intended_use, files::write_whole};
+use surgtpgs_core::{Result, about::intended_use, files::write_whole};
 
 /// Everything that the report tells.
 pub(super) struct Findings<'a> {

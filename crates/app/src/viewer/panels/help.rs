@@ -8,7 +8,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{Context, Event, Grid, KeyboardShortcut, Modifiers, RichText, ScrollArea, Ui};
-use surgtpgs_core::export::intended_use;
+use surgtpgs_core::about::intended_use;
 
 /// Notice below the intended use, shown before the first use and in About.
 pub(crate) const NOTICE: &str = "SurgTPGS is not a medical device and has not been approved for clinical use. What it \

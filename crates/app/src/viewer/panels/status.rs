@@ -7,7 +7,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{Popup, RichText, Ui};
-use surgtpgs_core::{clock::PassName, export::intended_use, raster::FramePass};
+use surgtpgs_core::{about::intended_use, clock::PassName, raster::FramePass};
 
 /// Shows the bottom line of the window.
 pub(crate) fn status_ui(ui: &mut Ui, shared: &Shared, room: Room) {

@@ -57,7 +57,8 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportSummary, intended_use, num_files},
+    about::intended_use,
+    export::{ExportSummary, num_files},
     grid::{Grid, Mask},
     marks::{LookHere, Mark},
     sequence::{CheckReport, plain_words},

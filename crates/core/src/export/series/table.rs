@@ -2,11 +2,7 @@
 //! people: frames count from 1 and have a time, as in the window; the names of its columns say so.
 
 use super::{Series, SeriesPlan, list::JsonList};
-use crate::{
-    export::{frame::FrameContent, provenance::USUAL_SPEED},
-    files::WholeFile,
-    mask::Region,
-};
+use crate::{export::frame::FrameContent, files::WholeFile, mask::Region, sequence::USUAL_SPEED};
 use serde_json::json;
 use std::io;
 
