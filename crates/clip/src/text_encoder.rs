@@ -12,7 +12,7 @@ use crate::{
 };
 use sha2::{Digest, Sha256};
 use std::path::Path;
-use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
+use surgtpgs_core::{Error, Result, meaning::EncoderIdentity};
 
 /// A loaded text encoder (model, tokenizer and their contract).
 pub struct TextEncoder {

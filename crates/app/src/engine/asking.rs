@@ -8,9 +8,10 @@ use std::{
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Result,
-    meaning::{Calibration, ClassWords, Fit, Interpreter, Meaning, Reason, Space, Vocabulary},
+    meaning::{
+        Calibration, ClassWords, EncoderIdentity, Fit, Interpreter, Meaning, Reason, Space, Vocabulary,
+    },
     num,
-    prepare::EncoderIdentity,
     relevancy::{Query, RelevancySettings, Rivals},
     scene::Scene,
     sequence::{Class, NO_LABEL},

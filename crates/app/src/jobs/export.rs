@@ -20,7 +20,7 @@ use surgtpgs_core::{
     hash::file_sha256,
     marks::{Mark, Marks},
     mask::mean_scores,
-    prepare::EncoderIdentity,
+    meaning::EncoderIdentity,
     progress::{Observer, Progress},
     relevancy::Query,
     sequence::{SourceReferences, blacken, names_instrument},

@@ -5,7 +5,7 @@ use crate::{
     Error, Result,
     about::intended_use,
     files::write_whole,
-    prepare::EncoderIdentity,
+    meaning::EncoderIdentity,
     reading::{MOST_BYTES, read_regular},
     relevancy::RelevancySettings,
     scene::Scene,

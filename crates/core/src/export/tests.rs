@@ -3,8 +3,8 @@ use crate::{
     Remedy,
     about::intended_use,
     mask::CleanUp,
+    meaning::EncoderIdentity,
     overlay::{OverlayLook, OverlayStyle},
-    prepare::EncoderIdentity,
     relevancy::RelevancySettings,
     stress,
 };

@@ -11,6 +11,7 @@
 mod alike;
 mod calibration;
 mod classes;
+mod encoder;
 mod facts;
 mod grammar;
 mod logistic;
@@ -23,6 +24,7 @@ mod word_files;
 pub(crate) use alike::names_alike;
 pub use calibration::{Calibration, Fit, Floors};
 pub use classes::ClassWords;
+pub use encoder::EncoderIdentity;
 pub use facts::WordFacts;
 pub use space::{Encode, Space};
 pub use vocabulary::{Concept, Vocabulary};

@@ -1,12 +1,12 @@
 //! Reads and writes the files of a prepared folder.
 
-use super::origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
+use super::origin::{NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
     files::{PREPARED_FILE, full_path, located_path, png, write_whole},
     hash::{require_sha256, sha256},
-    meaning::WordFacts,
+    meaning::{EncoderIdentity, WordFacts},
     reading::{MOST_BYTES, read_regular, values},
     sequence::{Class, EstimatedDepth, Identity, Sequence, shared_identity},
 };

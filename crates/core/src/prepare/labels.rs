@@ -1,7 +1,7 @@
 //! Features from label masks: every pixel gets the embedding of its class name.
 
 use super::{
-    EncoderIdentity, NO_REGION, Prepared, RegionMap,
+    NO_REGION, Prepared, RegionMap,
     background::{BACKGROUND, background_class, fill_background, is_more_than_gaps},
     files::{Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
@@ -9,6 +9,7 @@ use super::{
 use crate::{
     Error, Remedy, Result,
     codec::CodecSettings,
+    meaning::EncoderIdentity,
     num,
     progress::{Observer, Progress},
     sequence::{NO_LABEL, Sequence},

@@ -2,7 +2,7 @@
 //! Training carries them to all frames once the motion is learned.
 
 use super::{
-    EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
+    NO_REGION, Origin, Prepared, RegionMap,
     background::{BACKGROUND, background_class},
     files::{AGAIN, Manifest, has_region, region_file, write_region_map},
     finish::{clear_folder, finish},
@@ -13,6 +13,7 @@ use crate::{
     files::write_whole,
     hash::{require_sha256, sha256},
     marks::{Evidence, Marks},
+    meaning::EncoderIdentity,
     num,
     progress::{Observer, Progress},
     reading::{MOST_BYTES, read_regular},

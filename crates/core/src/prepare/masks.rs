@@ -1,7 +1,7 @@
 //! Features of image regions: from automatic masks with an image encoder, or from files of other programs.
 
 use super::{
-    EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
+    NO_REGION, Origin, Prepared, RegionMap,
     dense::{MAX_ROWS, cluster},
     files::{Manifest, region_file, write_region_map},
     finish::{clear_folder, finish},
@@ -11,6 +11,7 @@ use crate::{
     Error, Remedy, Result,
     codec::CodecSettings,
     grid::Mask,
+    meaning::EncoderIdentity,
     num,
     progress::{Observer, Progress},
     segment::{BitMask, FINDING_MASKS, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},

@@ -43,13 +43,13 @@ pub use labels::{prepare_from_labels, require_labels};
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use marks::{MarkedNames, prepare_from_marks, require_marks};
 pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features, require_few_frames};
-pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
+pub use origin::{NO_REGION, Origin, RegionMap};
 
 use crate::{
     Error, Result,
     codec::Codec,
     hash::sha256,
-    meaning::{Calibration, WordFacts, names_alike},
+    meaning::{Calibration, EncoderIdentity, WordFacts, names_alike},
     sequence::{Class, Identity, Sequence},
 };
 use files::{Manifest, WORDS, has_region, region_file};

@@ -6,22 +6,6 @@ use crate::{
 };
 use std::path::PathBuf;
 
-/// Identity of the text encoder that made the embeddings; another one of the same width would
-/// be silently wrong.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct EncoderIdentity {
-    /// "builtin" or the folder's name.
-    pub name: String,
-    /// SHA-256 over model and tokenizer files, hexadecimal.
-    pub sha256: String,
-    /// Length of an embedding.
-    pub dim: usize,
-    /// Prompt template with `{}` for the words.
-    pub template: String,
-    /// Folder that it was loaded from; `None` for the built-in one.
-    pub folder: Option<PathBuf>,
-}
-
 /// Source of the features of a prepared folder.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -29,8 +29,7 @@ use crate::{
     deform::Deformation,
     gaussian::Gaussians,
     grid::Mask,
-    meaning::WordFacts,
-    prepare::EncoderIdentity,
+    meaning::{EncoderIdentity, WordFacts},
     sequence::{Class, DepthOrigin, Identity, seconds_of, shared_identity},
 };
 use std::{

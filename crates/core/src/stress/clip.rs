@@ -4,7 +4,8 @@ use crate::{
     Result,
     codec::{CodecKind, CodecSettings},
     demo::{self, DemoSettings},
-    prepare::{EncoderIdentity, Prepared, prepare_from_labels},
+    meaning::EncoderIdentity,
+    prepare::{Prepared, prepare_from_labels},
     progress::unobserved,
     sequence::Sequence,
 };

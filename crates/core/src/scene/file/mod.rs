@@ -33,8 +33,7 @@ use crate::{
     deform::{BasisShape, Deformation, GATE_CHANNEL, num_channels, stride_for},
     gaussian::Gaussians,
     grid::Mask,
-    meaning::WordFacts,
-    prepare::EncoderIdentity,
+    meaning::{EncoderIdentity, WordFacts},
     reading::open_regular,
     sequence::Class,
 };
