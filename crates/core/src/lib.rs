@@ -10,6 +10,7 @@ mod lanes;
 mod linear;
 pub mod num;
 pub mod progress;
+mod raster_limits;
 pub mod reading;
 pub mod real;
 

@@ -4,7 +4,6 @@ pub mod backward;
 pub mod bin;
 pub mod forward;
 mod images;
-mod limits;
 mod pick;
 pub mod project;
 pub mod reference;
@@ -12,11 +11,11 @@ mod renderer;
 pub mod sh;
 mod tile;
 
-pub use images::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE, Images};
-pub use limits::{
+pub use crate::raster_limits::{
     DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, MIN_EXTENT, MIN_TRANSMITTANCE, NEAR,
     TILE, jacobian_guard,
 };
+pub use images::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE, Images};
 pub use pick::{Pick, pick};
 pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};
 pub use tile::Packed;

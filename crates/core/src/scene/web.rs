@@ -16,7 +16,7 @@ use crate::{
     about::intended_use,
     camera::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
     deform::{BasisShape, COLOUR_CHANNEL, Deformation},
-    raster::{DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, NEAR},
+    raster_limits::{DILATION, FRUSTUM_GUARD, MAX_ALPHA, MIN_ALPHA, MIN_DEPTH_ALPHA, NEAR},
     sequence::{USUAL_SPEED, shown_for},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};

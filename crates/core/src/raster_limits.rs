@@ -1,4 +1,4 @@
-//! Limits of the rasterizer, shared with the shaders.
+//! Limits of the rasterizer, shared with the shaders and with pages of scenes.
 
 /// Edge of a tile, px.
 pub const TILE: usize = 16;
