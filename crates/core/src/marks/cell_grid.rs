@@ -163,19 +163,17 @@ impl CellGrid {
 
     /// Returns the features of the appearance of the cells. Depths count if they are given.
     pub(super) fn appearance(&self, colours: &[[f32; 3]], log_depths: Option<&[f32]>) -> AppearanceFeatures {
-        let around = |value: &dyn Fn(&[f32; 3]) -> f32| {
-            let values: Vec<f32> = colours.iter().map(value).collect();
-            match log_depths {
-                Some(depths) => self.means_about_as_deep(&values, depths),
-                None => window_means(&values, [self.columns, self.rows], AROUND),
-            }
+        // Colour, and the square of the brightness.
+        let values = |[light, red, yellow]: &[f32; 3]| [*light, *red, *yellow, light * light];
+        let values: Vec<[f32; 4]> = colours.iter().map(values).collect();
+        let around = match log_depths {
+            Some(depths) => self.means_about_as_deep(&values, depths),
+            None => self.means_around(&values),
         };
-        let means = [0, 1, 2].map(|c| around(&|colour| colour[c]));
-        let means_2 = around(&|colour| colour[0] * colour[0]);
         let of_cell = |i: usize| Appearance {
             colour: colours[i],
-            around: [0, 1, 2].map(|c| means[c][i]),
-            roughness: (means_2[i] - means[0][i] * means[0][i]).max(0.0).sqrt(),
+            around: [0, 1, 2].map(|c| around[i][c]),
+            roughness: (around[i][3] - around[i][0] * around[i][0]).max(0.0).sqrt(),
             position: [i % self.columns, i / self.columns]
                 .map(|at| (at * self.side) as f32 / self.width as f32),
             log_depth: log_depths.map(|depths| depths[i]).filter(|depth| depth.is_finite()).unwrap_or(0.0),
@@ -183,21 +181,29 @@ impl CellGrid {
         AppearanceFeatures::new((0..colours.len()).map(of_cell))
     }
 
-    /// Returns the mean over the surroundings of each cell, of what is about as deep: beside a tool, what lies
+    /// Returns the means over the surroundings of each cell.
+    fn means_around<const N: usize>(&self, values: &[[f32; N]]) -> Vec<[f32; N]> {
+        let plane = |c: usize| values.iter().map(|value| value[c]).collect::<Vec<f32>>();
+        let means: [Vec<f32>; N] =
+            std::array::from_fn(|c| window_means(&plane(c), [self.columns, self.rows], AROUND));
+        (0..values.len()).map(|i| std::array::from_fn(|c| means[c][i])).collect()
+    }
+
+    /// Returns the means over the surroundings of each cell, of what is about as deep: beside a tool, what lies
     /// behind it has surroundings of its own.
-    fn means_about_as_deep(&self, values: &[f32], log_depths: &[f32]) -> Vec<f32> {
+    fn means_about_as_deep<const N: usize>(&self, values: &[[f32; N]], log_depths: &[f32]) -> Vec<[f32; N]> {
         let mean = |cell: usize| {
             let (x, y) = (cell % self.columns, cell / self.columns);
-            let (mut sum, mut weights) = (0.0, 0.0);
+            let (mut sums, mut weights) = ([0.0; N], 0.0);
             for row in y.saturating_sub(AROUND)..(y + AROUND + 1).min(self.rows) {
                 for column in x.saturating_sub(AROUND)..(x + AROUND + 1).min(self.columns) {
                     let other = row * self.columns + column;
                     let weight = (-0.5 * depths_apart(log_depths, cell, other).powi(2)).exp();
-                    sum += weight * values[other];
+                    (0..N).for_each(|c| sums[c] += weight * values[other][c]);
                     weights += weight;
                 }
             }
-            sum / weights
+            sums.map(|sum| sum / weights)
         };
         (0..values.len()).into_par_iter().with_min_len(1024).map(mean).collect()
     }
@@ -274,12 +280,12 @@ mod tests {
     fn surroundings_are_about_as_deep() {
         let grid = CellGrid::of_picture(40, 20);
         // A bright tool on the left lies before dark tissue.
-        let values: Vec<f32> = (0..800).map(|i| if i % 40 < 20 { 1.0 } else { 0.0 }).collect();
+        let values: Vec<[f32; 1]> = (0..800).map(|i| if i % 40 < 20 { [1.0] } else { [0.0] }).collect();
         let beside = |depth_of_tissue: f32| {
             let depths: Vec<f32> =
                 (0..800).map(|i| if i % 40 < 20 { 0.0 } else { depth_of_tissue }).collect();
             let means = grid.means_about_as_deep(&values, &depths);
-            [means[10 * 40 + 19], means[10 * 40 + 20]]
+            [means[10 * 40 + 19][0], means[10 * 40 + 20][0]]
         };
         assert_eq!(beside(1.0), [1.0, 0.0]);
         for depth in [0.0, f32::NAN] {
