@@ -52,8 +52,8 @@ impl CellFeatures {
         CellGrid::of_picture(camera.width as usize, camera.height as usize).side
     }
 
-    /// Divides a picture into cells, and computes their features, of depth, too, if logarithms of measured depth at
-    /// half size are given.
+    /// Divides a picture into cells, and computes their features. Depth counts if logarithms of it at half size
+    /// are given.
     pub(super) fn of(picture: &RgbImage, log_depths: Option<&[f32]>) -> Self {
         let grid = CellGrid::of_picture(picture.width() as usize, picture.height() as usize);
         let log_depths = log_depths.map(|pixels| grid.log_depths(pixels));

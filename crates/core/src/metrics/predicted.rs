@@ -211,8 +211,8 @@ impl PredictedMasks {
     }
 }
 
-/// Reads a mask: where the picture is opaque, or white if all of it is opaque. A cut-out that is opaque all over
-/// is found all over.
+/// Reads a mask: where the picture is opaque, or white if all of it is opaque. A cut-out that is opaque all
+/// over is found all over.
 fn found_in(path: &Path, is_cutout: bool) -> Result<Mask> {
     let picture = reading::picture(path)?;
     let (values, largest) = match opacity(&picture) {
