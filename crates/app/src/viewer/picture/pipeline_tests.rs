@@ -1,8 +1,8 @@
 //! Tests that the pipeline keeps and prepares the right pictures, and that frames never mix.
 
-use crate::engine::{Negatives, Next, Pending, Question};
+use crate::engine::{BackendChoice, Negatives, Next, Pending, Question, asking_tests::engine_on};
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Info, Parts, Rendering},
+    backend::{FrameSource, FrameView, Info, Parts, Rendering, engine::source_of},
     picture::{
         pipeline::Pipeline,
         request::{AskedPrompt, Picture, Request},
@@ -24,6 +24,7 @@ use surgtpgs_core::{
     overlay::OverlayLook,
     relevancy::RelevancySettings,
 };
+use surgtpgs_render::{AdapterChoice, Gpu, Traffic};
 
 const FRAMES: usize = 40;
 
@@ -178,6 +179,48 @@ fn is_all_of(picture: &Picture, frame: usize) {
     assert_eq!(usize::from(red(&picture.reconstruction)), frame);
     assert_eq!(picture.depth_values.as_ref().unwrap().data[0], frame as f32 + 1.0);
     assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(frame));
+}
+
+#[test]
+fn what_was_shown_once_is_shown_again_without_the_device() {
+    let is_there = Gpu::open(AdapterChoice::Any).is_ok();
+    assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
+    if !is_there {
+        return;
+    }
+    let mut engine = engine_on(BackendChoice::Gpu, &["liver", "fat"], &[]);
+    let gpu = engine.gpu().unwrap().gpu().clone();
+    let mut pipeline = Pipeline::new(source_of(engine));
+    let turned = |yaw: f32| {
+        let mut turned = request(0);
+        turned.view.orbit.yaw = yaw;
+        turned
+    };
+    let mut crossed_by = |request: Request| {
+        let before = gpu.traffic();
+        let picture = pipeline.produce(request);
+        assert!(picture.problem.is_none() && picture.findings.len() == 1, "{:?}", picture.problem);
+        gpu.traffic().since(&before)
+    };
+    for yaw in [0.0, 0.1] {
+        assert!(crossed_by(turned(yaw)).read_back > 0, "the first time");
+    }
+    let other = |change: &dyn Fn(&mut Request)| {
+        let mut request = request(0);
+        change(&mut request);
+        request
+    };
+    let again = [
+        request(0),
+        turned(0.1),
+        other(&|request| request.prompts[0].threshold = 0.7),
+        other(&|request| request.prompts[0].colour = [200, 0, 0]),
+        other(&|request| request.look.opacity = 0.9),
+        other(&|request| request.clean_up.min_area_px = 30),
+    ];
+    for (k, request) in again.into_iter().enumerate() {
+        assert_eq!(crossed_by(request), Traffic::default(), "request {k}");
+    }
 }
 
 #[test]
