@@ -81,9 +81,9 @@ impl SceneArgs {
     fn open_with(&self, options: EngineOptions) -> Result<Engine> {
         let engine = Engine::open(&self.scene, options)?;
         say(&format!("rendering on {}", engine.renderer_name()));
-        if let Some(note) = not_shown_note(engine.scene()) {
-            say(&format!("note: {note}"));
-        }
+        let scene = engine.scene();
+        let notes = unfinished_note(scene).into_iter().chain(not_shown_note(scene));
+        notes.for_each(|note| say(&format!("note: {note}")));
         Ok(engine)
     }
 }
@@ -98,6 +98,13 @@ pub(super) fn require_scene_name(path: &Path) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Says that the training of a scene was stopped early; `None` if it was not, or if that is not known.
+fn unfinished_note(scene: &Scene) -> Option<String> {
+    let (steps, planned) = (scene.provenance.steps, scene.provenance.planned_steps()?);
+    (steps < planned)
+        .then(|| format!("the training of this scene was stopped after {steps} of {planned} steps"))
 }
 
 /// Names the frames that no chapter of a scene shows; `None` if there is none.

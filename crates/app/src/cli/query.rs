@@ -7,7 +7,10 @@ use super::{
     objects,
     verb::{Exit, Run},
 };
-use crate::{outputs, text::visible};
+use crate::{
+    outputs,
+    text::{one_line, visible},
+};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::Result;
@@ -102,7 +105,11 @@ fn as_text(answers: &Answers) -> String {
         let written = prompt.gaussians.as_ref().map_or(String::new(), |g| {
             format!("  {} Gaussians of frame {}: {}\n", g.count, g.frame, g.file.display())
         });
-        format!("{}: {found}; best score {:.3}{caution}\n{written}", prompt.text, prompt.max_score())
+        format!(
+            "{}: {found}; best score {:.3}{caution}\n{written}",
+            one_line(&prompt.text),
+            prompt.max_score()
+        )
     };
     let look_here = answers.look_here.as_ref().map(|here| {
         let [x, y] = here.point_px;

@@ -441,7 +441,7 @@ fn require_choice(args: &TrainArgs, scene: &Path, checkpoint: &Path) -> Result<(
         (false, Some(unfinished)) if !args.force => Err(Error::input_at(
             unfinished,
             "an earlier training of this scene is unfinished",
-            "Go on with --resume, or begin again with --force.",
+            "Go on with --resume, which keeps the settings it began with, or begin again with --force.",
         )),
         _ => Ok(()),
     }

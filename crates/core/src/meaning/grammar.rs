@@ -11,6 +11,7 @@ pub(super) struct Grammar {
     neutral: HashSet<String>,
     joining: HashSet<String>,
     prepositions: HashSet<String>,
+    sides: HashSet<String>,
     negations: HashSet<String>,
     parts: HashSet<String>,
     places: HashSet<String>,
@@ -67,6 +68,7 @@ impl Grammar {
             neutral: single.flatten().collect(),
             joining: token_set(&lists.joining),
             prepositions: token_set(&lists.prepositions),
+            sides: token_set(&lists.sides),
             negations: token_set(&lists.negations),
             parts: token_set(&lists.parts),
             places: token_set(&lists.places),
@@ -83,6 +85,11 @@ impl Grammar {
         self.parts.contains(token)
     }
 
+    /// Returns `true` if a word ties others together.
+    pub fn is_tie(&self, token: &str) -> bool {
+        self.joining.contains(token) || self.prepositions.contains(token)
+    }
+
     pub fn is_neutral(&self, token: &str) -> bool {
         self.neutral.contains(token)
     }
@@ -92,6 +99,17 @@ impl Grammar {
     pub fn says_not(&self, tokens: &[String]) -> bool {
         tokens.first().is_some_and(|first| first == "without")
             || tokens.iter().any(|token| self.negations.contains(token))
+    }
+
+    /// Returns the words of the thing beside which a phrase names a place: "under the liver", "left of the
+    /// liver".
+    pub fn beside<'a>(&self, tokens: &'a [String]) -> Option<&'a [String]> {
+        let thing = match tokens {
+            [first, thing @ ..] if self.prepositions.contains(first) => thing,
+            [side, of, thing @ ..] if self.sides.contains(side) && of == "of" => thing,
+            _ => return None,
+        };
+        (!thing.is_empty()).then_some(thing)
     }
 
     /// Takes words apart.

@@ -82,6 +82,8 @@ pub enum Reason {
     },
     /// It says what it does not mean.
     Negated,
+    /// It names a place beside something, and no thing.
+    Beside,
     /// It is in no list; the encoder and the single words decided.
     Encoder,
     /// Its single words mean something, and all of it means no class.
@@ -104,6 +106,7 @@ impl fmt::Display for Reason {
             Self::Several { missing } if missing.is_empty() => write!(f, "stands for several"),
             Self::Several { missing } => write!(f, "stands for several, without {}", missing.join(", ")),
             Self::Negated => write!(f, "says what it is not; only what it is can be looked for"),
+            Self::Beside => write!(f, "names a place, not what is there"),
             Self::Encoder => write!(f, "judged by the text encoder"),
             Self::SomethingElse => write!(f, "means something else"),
             Self::UnseenClass(_) => write!(f, "a class that training frames hardly show, or not at all"),
@@ -170,6 +173,11 @@ impl<'v> Interpreter<'v> {
         };
         if self.vocabulary.says_not(&phrase) && !is_listed() {
             return Some(Meaning::nothing(Reason::Negated));
+        }
+        if let Some(thing) = self.vocabulary.beside(&phrase).filter(|_| !is_listed()) {
+            let thing = self.by_words(&thing);
+            let nearest = thing.and_then(|thing| thing.classes.first().copied().or(thing.nearest));
+            return Some(Meaning { nearest, ..Meaning::nothing(Reason::Beside) });
         }
         if let Some(named) = self.named(&phrase) {
             return Some(self.meaning(named, 1.0, Reason::ClassName { spelled: false }));

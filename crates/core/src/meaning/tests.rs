@@ -124,6 +124,38 @@ fn what_means_something_else_is_not_found_whatever_the_encoder_says() {
 }
 
 #[test]
+fn a_place_beside_a_thing_is_not_the_thing() {
+    let (space, classes) = (space(), cholec());
+    let calibration = Calibration::measure(&space, &classes);
+    let interpreter = Interpreter::new(Vocabulary::standard(), &classes, Some(&calibration));
+    let places = ["under the liver", "left of the liver", "touching liver", "Behind the liver edge"];
+    for prompt in places {
+        let meaning = interpreter.by_encoder(prompt, &embedding("liver"), &space);
+        assert_eq!(found(&meaning, &NAMES), [""; 0], "{prompt}: {meaning:?}");
+        assert_eq!(meaning.nearest.map(|i| NAMES[i]), Some("liver"), "{prompt}: {meaning:?}");
+        assert_eq!(meaning.reason, Reason::Beside, "{prompt}");
+    }
+    let between = interpreter.by_words("between liver and gallbladder").unwrap();
+    assert!(!between.is_found() && between.nearest.is_some(), "{between:?}");
+    // It is of what stands before, whatever the encoder says.
+    let relations = [
+        "fat around gallbladder",
+        "grasper holding the gallbladder",
+        "grasper on the gallbladder",
+        "liver above the gallbladder",
+    ];
+    for prompt in relations {
+        let meaning = interpreter.by_encoder(prompt, &embedding("gallbladder"), &space);
+        assert!(!found(&meaning, &NAMES).contains(&"gallbladder"), "{prompt}: {meaning:?}");
+    }
+    // Sides of a thing are parts of it, and a number is no typing mistake.
+    for prompt in ["left side of the liver", "liver, left", "all of the liver"] {
+        assert_eq!(found(&interpreter.by_words(prompt).unwrap(), &NAMES), ["liver"], "{prompt}");
+    }
+    assert_eq!(interpreter.by_words("segment 4 of the liver"), None);
+}
+
+#[test]
 fn words_in_no_list_are_left_to_the_encoder() {
     let (space, classes) = (space(), cholec());
     let calibration = Calibration::measure(&space, &classes);

@@ -244,6 +244,11 @@ impl Vocabulary {
         self.grammar.says_not(&phrase.tokens)
     }
 
+    /// Returns the words of the thing beside which a phrase names a place.
+    pub(super) fn beside(&self, phrase: &Phrase) -> Option<String> {
+        self.grammar.beside(&phrase.tokens).map(|thing| thing.join(" "))
+    }
+
     /// Tests whether each word of content means something by itself: it is English or listed.
     pub(super) fn knows_words(&self, phrase: &Phrase) -> bool {
         let is_known = |token: &String| self.english.contains(token) || self.at_key(token).is_some();
@@ -287,10 +292,14 @@ impl Vocabulary {
         near.all(|other| other == first).then_some(first)
     }
 
-    /// Tests whether a phrase has something that is not a known word.
+    /// Tests whether a phrase has something that is not a known word. Numbers are no mistakes.
     pub(super) fn may_be_misspelt(&self, phrase: &Phrase) -> bool {
         // So short a token may be the rest of a parted word: "gal bladder".
-        let is_known = |token: &String| token.len() >= MIN_TOKEN && self.known.contains(token);
+        let is_known = |token: &String| {
+            self.grammar.is_tie(token)
+                || token.bytes().all(|b| b.is_ascii_digit())
+                || token.len() >= MIN_TOKEN && self.known.contains(token)
+        };
         !self.known.contains(&phrase.bare) && !phrase.tokens.iter().all(is_known)
     }
 

@@ -53,6 +53,7 @@ pub(super) struct GrammarLists {
     pub articles: String,
     pub joining: String,
     pub prepositions: String,
+    pub sides: String,
     pub negations: String,
     pub parts: String,
     pub places: String,

@@ -119,6 +119,12 @@ impl Provenance {
         self.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0)
     }
 
+    /// Returns the number of optimiser steps of the whole training; `None` if it is not known.
+    pub fn planned_steps(&self) -> Option<usize> {
+        let steps = self.settings.get("iterations")?.as_u64()?;
+        usize::try_from(steps).ok().filter(|steps| *steps > 0)
+    }
+
     /// Returns the seconds from the first frame to `frame`; `None` if nothing tells them.
     pub fn seconds(&self, frame: usize) -> Option<f64> {
         seconds_of(frame, &self.frame_seconds, self.speed())

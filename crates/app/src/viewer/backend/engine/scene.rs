@@ -265,8 +265,8 @@ impl FrameSource for SceneSource {
 
 /// Returns the share of its training that a scene has had, 0–1; 1 where nothing is known.
 fn learned(scene: &Scene) -> f32 {
-    let planned = scene.provenance.settings.get("iterations").and_then(serde_json::Value::as_u64);
-    planned.filter(|n| *n > 0).map_or(1.0, |n| (scene.provenance.steps as f32 / n as f32).min(1.0))
+    let planned = scene.provenance.planned_steps();
+    planned.map_or(1.0, |planned| (scene.provenance.steps as f32 / planned as f32).min(1.0))
 }
 
 /// Returns the median depth in the middle of the picture; `None` where nothing is there.
