@@ -14,10 +14,18 @@ use surgtpgs_core::{
     sequence::Class,
     stress,
 };
+use surgtpgs_render::{AdapterChoice, Gpu};
 
 /// Opens an engine on a scene with these classes, as the built-in encoder knows them.
 fn engine(names: &[&str], unseen: &[&str]) -> Engine {
     engine_on(BackendChoice::Cpu, names, unseen)
+}
+
+/// Opens a graphics adapter; `None` if there is none, which tests in CI must not go without.
+pub(crate) fn adapter() -> Option<Gpu> {
+    let gpu = Gpu::open(AdapterChoice::Any).ok();
+    assert!(gpu.is_some() || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
+    gpu
 }
 
 /// Opens an engine on a machine.

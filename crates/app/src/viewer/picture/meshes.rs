@@ -190,7 +190,8 @@ impl CallbackTrait for Drawn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::picture::on_adapter::{SRGB, UNORM, WINDOW, gpu, painted};
+    use crate::engine::asking_tests::adapter;
+    use crate::viewer::picture::on_adapter::{SRGB, UNORM, WINDOW, painted};
     use egui::{Color32, LayerId, Painter, RawInput, Stroke, StrokeKind, epaint::Primitive, pos2, vec2};
 
     fn with_meshes() -> Context {
@@ -236,7 +237,7 @@ mod tests {
 
     #[test]
     fn meshes_are_as_egui_draws_them() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = adapter() else { return };
         let line = Stroke::new(1.0, Color32::from_rgb(60, 67, 77));
         let paint = |painter: &Painter| {
             painter.rect_filled(at(0.0, 0.0, 64.0, 48.0), 0.0, Color32::from_rgb(36, 40, 47));

@@ -6,18 +6,12 @@ use eframe::{
 };
 use egui::{Context, LayerId, Painter, Pos2, RawInput, Rect, vec2};
 use std::any::Any;
-use surgtpgs_render::{AdapterChoice, Gpu};
+use surgtpgs_render::Gpu;
 
 /// Size of the window, pixels.
 pub(super) const WINDOW: [u32; 2] = [64, 48];
 pub(super) const UNORM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub(super) const SRGB: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
-
-pub(super) fn gpu() -> Option<Gpu> {
-    let gpu = Gpu::open(AdapterChoice::Any).ok();
-    assert!(gpu.is_some() || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
-    gpu
-}
 
 /// Paints the window with a shader of our own at hand; returns its pixels.
 pub(super) fn painted(

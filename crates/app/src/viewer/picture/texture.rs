@@ -242,7 +242,8 @@ impl CallbackTrait for Quad {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::picture::on_adapter::{SRGB, UNORM, WINDOW, gpu, painted};
+    use crate::engine::asking_tests::adapter;
+    use crate::viewer::picture::on_adapter::{SRGB, UNORM, WINDOW, painted};
     use egui::{Color32, Context, pos2, vec2};
     use surgtpgs_render::Gpu;
 
@@ -271,7 +272,7 @@ mod tests {
 
     #[test]
     fn a_picture_of_the_window_s_size_is_shown_as_it_is() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = adapter() else { return };
         let image = many_colours(WINDOW.map(|n| n as usize));
         let colours: Vec<[u8; 4]> = image.pixels.iter().map(Color32::to_array).collect();
         assert_eq!(shown(&gpu, UNORM, image.clone(), whole(), whole()), colours);
@@ -282,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_zoomed_picture_is_cut_off_by_its_pane_and_by_the_window() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = adapter() else { return };
         let image = many_colours([6, 6]);
         // Each pixel of the picture is 100 wide; the third one of the fourth row begins at 4, 6.
         let at = Rect::from_min_size(pos2(4.0 - 200.0, 6.0 - 300.0), vec2(600.0, 600.0));
@@ -301,7 +302,7 @@ mod tests {
 
     #[test]
     fn a_pixel_of_a_smaller_picture_is_the_mean_of_what_it_covers() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = adapter() else { return };
         // One bright column of four, shown at a quarter of its size.
         let column = |i: usize| if i.is_multiple_of(4) { Color32::WHITE } else { Color32::BLACK };
         let image = ColorImage::new([256, 192], (0..256 * 192).map(column).collect());
