@@ -2,9 +2,10 @@
 //! the order in which a decoder shows them.
 
 use super::{
+    colours::Colours,
     edit_list::Cut,
     mp4::{CodedPicture, Description, Framing, MAX_PICTURES, Mp4},
-    nal::{IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
+    nal::{self, IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
 };
 use crate::reading::Pieces;
 use std::io::Read;
@@ -37,8 +38,11 @@ pub(super) fn index(file: &Pieces, (width, height): (usize, usize)) -> Result<Mp
     if found.len() > MAX_PICTURES {
         return Err("it has too many pictures".to_owned());
     }
-    let (framing, pixel_aspect) = (Framing::StartCodes, None);
-    let description = Description { from: 0, width, height, pixel_aspect, framing, parameter_sets };
+    let sequence = parameter_sets.iter().find(|unit| unit[0] & 31 == SEQUENCE_PARAMETERS);
+    let sequence = sequence.map_or(&[][..], Vec::as_slice);
+    let (pixel_aspect, colours) = (nal::pixel_aspect(sequence), Colours::of_parameters(sequence));
+    let framing = Framing::StartCodes;
+    let description = Description { from: 0, width, height, pixel_aspect, colours, framing, parameter_sets };
     Ok(Mp4 {
         descriptions: vec![description],
         timescale: 0,

@@ -2,13 +2,13 @@
 //!
 //! Frames can be requested in any order. Decoding starts at the last picture before the frame that needs
 //! no other (an IDR picture), or continues where the last request ended. Frames decoded on the way are
-//! kept in a [`Cache`]. Colours follow BT.601 with limited range, whatever the file says.
+//! kept in a [`Cache`].
 
 use super::{
     decoding::{Cache, Decoding, Position},
     edit_list::Cut,
     mp4::{CodedPicture, Description, Framing, Mp4},
-    nal::{IDR_SLICE, SEQUENCE_PARAMETERS, START_CODE, is_slice, start_code},
+    nal::{IDR_SLICE, START_CODE, is_slice, sequence_parameters, start_code},
     read,
     times::speed_of,
 };
@@ -17,6 +17,7 @@ use crate::{
     camera::check_image_size,
     reading::{Pieces, PiecesReader},
 };
+use h264_reader::nal::sps::ChromaFormat;
 use image::RgbImage;
 use openh264::{
     OpenH264API,
@@ -97,8 +98,7 @@ impl H264 {
             return Err("its pictures are stored turned or mirrored".to_owned());
         }
         let mut units = mp4.descriptions.iter().flat_map(|description| &description.parameter_sets);
-        let is_parameters = |unit: &&Vec<u8>| unit.first().is_some_and(|b| b & 31 == SEQUENCE_PARAMETERS);
-        if units.any(|unit| is_parameters(&unit) && !is_of_420(unit)) {
+        if !units.all(|unit| may_be_420(unit)) {
             return Err("its colours are not coded as 4:2:0".to_owned());
         }
         let end = mp4.cut.used.start + mp4.frames_there();
@@ -292,7 +292,7 @@ impl H264 {
             return Err(other_size(self.file.path(), self.number(index), (width, height), self.size()));
         }
         let mut frame = RgbImage::new(width as u32, height as u32);
-        picture.write_rgb8(frame.as_mut());
+        self.descriptions[0].colours.write_rgb8(picture, frame.as_mut());
         Ok(frame)
     }
 
@@ -368,23 +368,10 @@ fn units(sample: &[u8], framing: Framing) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// Returns `true` if a sequence parameter set says that colour has half the resolution of brightness in both
-/// directions (4:2:0), the only form that the decoder knows (H.264, 7.3.2.1.1).
-fn is_of_420(unit: &[u8]) -> bool {
-    /// Profiles that may have another form, and say so.
-    const PROFILES: [u8; 12] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134];
-    let Some(([_, profile, ..], rest)) = unit.split_at_checked(4) else { return false };
-    if !PROFILES.contains(profile) {
-        return true;
-    }
-    let mut bits = rest.iter().flat_map(|byte| (0..8).rev().map(move |i| byte >> i & 1));
-    let mut number = || {
-        let zeros = bits.by_ref().take(32).take_while(|bit| *bit == 0).count();
-        let tail = bits.by_ref().take(zeros).fold(0_u64, |n, bit| n << 1 | u64::from(bit));
-        (1 << zeros) - 1 + tail
-    };
-    let (_id, chroma_format) = (number(), number());
-    chroma_format == 1
+/// Returns `false` if a sequence parameter set says that colour has another form than half the resolution of
+/// brightness in both directions (4:2:0), the only form that the decoder knows.
+fn may_be_420(unit: &[u8]) -> bool {
+    sequence_parameters(unit).is_none_or(|set| set.chroma_info.chroma_format == ChromaFormat::YUV420)
 }
 
 /// Appends a NAL unit with its start code (H.264, annex B).
@@ -425,12 +412,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_form_of_colours_is_read_from_the_parameters() {
-        let high = |bits: u8| [0x67, 100, 0, 10, bits];
-        // The number of the set is 0; the form of colours is 0 (grey), 1 (4:2:0) or 2 (4:2:2).
-        assert!(!is_of_420(&high(0b1100_0000)) && is_of_420(&high(0b1010_0000)));
-        assert!(!is_of_420(&high(0b1011_0000)) && !is_of_420(&high(0)));
-        assert!(is_of_420(&[0x67, 66, 0, 10, 0]), "the baseline has no other");
-        assert!(!is_of_420(&[0x67, 100]));
+    fn parameters_of_another_form_of_colours_are_told_apart() {
+        // 16×16 pixels of profile High 4:2:2; the first 4 bits are the number of the set and the form of colours.
+        let high = |first: u8| [0x67, 122, 0, 10, first, 0xf7, 0x90];
+        assert!(may_be_420(&high(0b1010_1100)) && !may_be_420(&high(0b1011_1100)));
+        assert!(may_be_420(&[0x67, 122]), "the decoder knows");
+        let other = [&[0x68], &high(0b1011_1100)[1..]].concat();
+        assert!(may_be_420(&other), "it is no sequence parameter set");
     }
 }

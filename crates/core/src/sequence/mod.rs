@@ -25,6 +25,7 @@ use std::{
 mod annex_b;
 mod check;
 mod classes;
+mod colours;
 mod decided;
 mod decoding;
 mod depth;

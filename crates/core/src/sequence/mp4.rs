@@ -1,7 +1,11 @@
 //! Reads the tables of an mp4 file, plain or in fragments: the places of the coded pictures of its video
 //! track, and which of them are used. Tells if the file is long enough to hold them all.
 
-use super::edit_list::{Cut, EditList};
+use super::{
+    colours::Colours,
+    edit_list::{Cut, EditList},
+    nal,
+};
 use crate::reading::{Pieces, PiecesReader};
 use shiguredo_mp4::{
     BoxType, Decode, TrackKind,
@@ -57,6 +61,7 @@ pub(super) struct Description {
     pub height: usize,
     /// Width of a pixel by its height, if the file says it.
     pub pixel_aspect: Option<f32>,
+    pub colours: Colours,
     pub framing: Framing,
     /// NAL units: the sequence parameter sets, then the picture parameter sets.
     pub parameter_sets: Vec<Vec<u8>>,
@@ -243,11 +248,15 @@ impl Description {
     fn of(entry: &SampleEntry, from: usize) -> Option<Self> {
         let SampleEntry::Avc1(avc1) = entry else { return None };
         let AvccBox { length_size_minus_one, sps_list, pps_list, .. } = &avc1.avcc_box;
+        let sequence = sps_list.first().map_or(&[][..], Vec::as_slice);
+        let boxes = &avc1.unknown_boxes;
+        let colours = boxes.iter().find_map(Colours::of_box).unwrap_or_default();
         Some(Self {
             from,
             width: usize::from(avc1.visual.width),
             height: usize::from(avc1.visual.height),
-            pixel_aspect: avc1.unknown_boxes.iter().find_map(pixel_aspect),
+            pixel_aspect: boxes.iter().find_map(pixel_aspect).or_else(|| nal::pixel_aspect(sequence)),
+            colours: Colours::of_parameters(sequence).or(colours),
             framing: Framing::Lengths(usize::from(length_size_minus_one.get()) + 1),
             parameter_sets: sps_list.iter().chain(pps_list).cloned().collect(),
         })

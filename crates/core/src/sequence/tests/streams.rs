@@ -220,3 +220,36 @@ fn pixels_have_the_shape_that_the_file_tells() {
         assert!(decoded_here.read_by_ffmpeg.is_empty() && is_wide(&decoded_here));
     }
 }
+
+#[test]
+fn colours_are_those_that_the_file_tells() {
+    if !is_ffmpeg_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (name, matrix, range) in [
+        ("usual.mp4", "bt601", "tv"),
+        ("hd.mp4", "bt709", "tv"),
+        ("full.mp4", "bt709", "pc"),
+        ("phone.mp4", "bt601", "pc"),
+    ] {
+        let path = folder.path().join(name);
+        let code = if matrix == "bt601" { "smpte170m" } else { matrix };
+        let how = format!(
+            "-vf scale=out_color_matrix={matrix}:out_range={range} -colorspace {code} -color_range {range} \
+             -c:v libx264 -qp 4 -pix_fmt yuv420p"
+        );
+        if !make(&path, &how) {
+            eprintln!("skipped: {name} cannot be encoded here");
+            continue;
+        }
+        let [here, there] =
+            [video::open(&path, &Selection::ALL).unwrap(), opened(&path, false, &Selection::ALL)];
+        assert!(here.read_by_ffmpeg.is_empty(), "{name}");
+        let [own, other] = [here, there].map(|recording| recording.frame(30).unwrap());
+        let apart =
+            own.as_raw().iter().zip(other.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>();
+        let apart = apart / own.as_raw().len() as f64;
+        assert!(apart < 1.0, "{name}: {apart} levels");
+    }
+}
