@@ -32,7 +32,7 @@ pub use verb::Exit;
 
 use crate::{memory, text::one_line};
 use args::CommonArgs;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::{ffi::OsString, path::Path};
 use surgtpgs_core::{Error, Result, files::full_path};
 use verb::Run;
@@ -101,7 +101,7 @@ impl Verb {
 /// Runs a command line (the program's name first) and prints one plain message if it fails.
 pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit {
     let args = with_verb(args.into_iter().map(Into::into).collect());
-    let cli = match Cli::try_parse_from(args) {
+    let cli = match parse(args) {
         Ok(cli) => cli,
         Err(message) => {
             // Help and version are messages too, for standard output; clap knows which is which.
@@ -122,6 +122,17 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
             if matches!(error, Error::Missing { .. }) { Exit::Lacking } else { Exit::WrongInput }
         }
     }
+}
+
+/// Parses a command line. Options take numbers below zero, so that the range is named and not an escape.
+fn parse(args: Vec<OsString>) -> Result<Cli, clap::Error> {
+    let taking_numbers = |arg: Arg| {
+        let takes_values = arg.get_action().takes_values();
+        arg.allow_negative_numbers(takes_values)
+    };
+    let mut command = Cli::command().mut_subcommands(|verb| verb.mut_args(taking_numbers));
+    let matches = command.try_get_matches_from_mut(args)?;
+    Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
 /// Adds the verb `view` to a command line that is nothing but a path: something that exists, or that no verb
@@ -163,6 +174,13 @@ mod tests {
     }
 
     #[test]
+    fn a_number_below_zero_is_out_of_range_and_no_option() {
+        let line = "surgtpgs train recording -o scene.safetensors --iterations -1";
+        let refused = parse(line.split(' ').map(OsString::from).collect()).unwrap_err().to_string();
+        assert!(refused.contains("is not in 1") && !refused.contains("tip"), "{refused}");
+    }
+
+    #[test]
     fn the_help_lists_every_exit_code() {
         let codes = [Exit::Done, Exit::WrongInput, Exit::Usage, Exit::Lacking, Exit::Ended];
         assert_eq!(codes.map(|exit| exit as u8), [0, 1, 2, 3, 130]);
@@ -181,7 +199,7 @@ mod tests {
             assert_eq!(words(path.as_ref()), 3, "{path}");
         }
         assert_eq!(run(["surgtpgs", "./nothing.mp4"]), Exit::WrongInput, "there is no such file");
-        let typed = Cli::try_parse_from(with_verb(vec!["surgtpgs".into(), "trian".into()]));
+        let typed = parse(with_verb(vec!["surgtpgs".into(), "trian".into()]));
         assert!(typed.is_err_and(|e| e.use_stderr()));
     }
 

@@ -119,6 +119,9 @@ impl OpenPicture {
         let wrong = |e: ImageError| unreadable(path, &e.to_string());
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(fail)?;
+        if bytes.is_empty() {
+            return Err(unreadable(path, "the file is empty"));
+        }
         let is_whole = has_jpeg_end(&bytes);
         let mut decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
         fits(decoder.dimensions())?;
@@ -299,6 +302,8 @@ mod tests {
             let (_kept, path) = saved(&bytes[..len]);
             assert!(super::picture(&path).is_err(), "{len} of {end}");
         }
+        let (_kept, path) = saved(b"");
+        assert!(super::picture(&path).unwrap_err().to_string().contains("the file is empty"));
     }
 
     fn saved(bytes: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {

@@ -142,8 +142,12 @@ pub(crate) fn cuts_of(differences: &[Option<f32>]) -> Vec<usize> {
     cuts(&(0..read.len()).map(shot).collect::<Vec<_>>()).into_iter().map(|k| read[k]).collect()
 }
 
-/// Returns the runs of frames that show no tissue, both ends included.
+/// Returns the runs of frames that show no tissue, both ends included; none if no frame does: then the light
+/// or the camera may be another one.
 pub(super) fn without_tissue(shots: &[Shot]) -> Vec<(usize, usize)> {
+    if shots.iter().all(|shot| !shot.is_tissue) {
+        return Vec::new();
+    }
     let mut at = 0;
     let runs = shots.chunk_by(|a, b| a.is_tissue == b.is_tissue).filter_map(move |run| {
         let first = at;
@@ -209,6 +213,7 @@ mod tests {
         let run = |is_tissue, n| vec![Shot { difference: None, is_tissue }; n];
         let all = [run(true, 3), run(false, 6), run(true, 9), run(false, 2)].concat();
         assert_eq!(without_tissue(&all), [(3, 8)], "two frames are no part");
+        assert_eq!(without_tissue(&run(false, 9)), [], "a recording in grey");
     }
 
     #[test]
