@@ -118,6 +118,45 @@ fn train_and_find(place: &Path) {
 }
 
 #[test]
+fn clicks_become_masks_before_they_are_carried() {
+    let place = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| -> Run { run_in(place.path(), args) };
+    write_recording(&place.path().join("recording"));
+    write_models(place.path());
+    run(&["train", "recording", "-o", "scene.safetensors", "--iterations", "300"]).ok();
+    // One click per class, 3 px away from all others.
+    let is_inside = |class: usize, x: u32, y: u32| {
+        x >= 3
+            && y >= 3
+            && [0, 3, 6]
+                .iter()
+                .all(|dx| [0, 3, 6].iter().all(|dy| class_at(0, x + dx - 3, y + dy - 3) == class))
+    };
+    let click = |(class, (name, _)): (usize, &(&str, Rgb<u8>))| {
+        let places = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
+        let (x, y) = places.into_iter().find(|(x, y)| is_inside(class, *x, *y)).unwrap();
+        format!(
+            "{{\"frame\": 0, \"name\": \"{name}\", \"kind\": \"click\", \"add\": true, \
+             \"points_px\": [[{x}.5, {y}.5]], \"radius_px\": 1}}"
+        )
+    };
+    let clicks: Vec<String> = CLASSES.iter().enumerate().map(click).collect();
+    fs::write(place.path().join("marks.json"), format!("{{\"marks\": [{}]}}", clicks.join(", "))).unwrap();
+    let export = ["export", "scene.safetensors", "-o", "out", "--format", "binary", "--marks", "marks.json"];
+    let prompts: Vec<&str> = CLASSES.iter().flat_map(|(name, _)| ["--prompt", name]).collect();
+    run(&[&export[..], &["--masks-model", "sam"], &prompts].concat()).ok();
+    for (class, (name, _)) in CLASSES.iter().enumerate() {
+        for frame in [0, 4] {
+            let found =
+                iou(&place.path().join(format!("out/binary/frame_00000{frame}_{name}.png")), frame, class);
+            assert!(found > 0.75, "{name} on frame {frame}: {found}");
+        }
+    }
+    let refused = run(&[&export[..], &["--masks-model", "clip", "--force"], &prompts].concat());
+    assert!(refused.refused(1).contains("two model files"));
+}
+
+#[test]
 fn feature_maps_and_estimated_depth_go_the_whole_way() {
     let place = tempfile::tempdir().unwrap();
     write_recording(&place.path().join("recording"));

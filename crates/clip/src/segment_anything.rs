@@ -25,6 +25,11 @@ const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const STD: [f32; 3] = [0.229, 0.224, 0.225];
 /// Number of prompts decoded at once. More is no faster on a CPU and takes more memory (about 40 MB each).
 const BATCH: usize = 8;
+/// Labels of points, as the decoder reads them: on the object, the upper left and lower right corner of a box
+/// around it, and a point that stands for nothing.
+const ON_OBJECT: &[f32] = &[1.0];
+const CORNERS: &[f32] = &[2.0, 3.0];
+const PADDING: f32 = -1.0;
 const HINT: &str =
     "A folder for masks holds the encoder and the decoder of one Segment Anything, as .onnx or .ort.";
 
@@ -142,6 +147,35 @@ impl SegmentAnything {
         }
     }
 
+    /// Asks the decoder about points that have these labels, one after the other; the last one stands for all
+    /// that follow.
+    fn ask(
+        &mut self,
+        prompts: &[Vec<[f32; 2]>],
+        labels: &[f32],
+        earlier: Option<&[f32]>,
+    ) -> Result<Prediction> {
+        let started = Instant::now();
+        let Some(image) = &self.image else {
+            return Err(Error::input("the mask decoder was asked before it had an image", ""));
+        };
+        let size = image.size;
+        let scale = self.scale(size);
+        let failed = |cause| failed("decoder", cause, &self.folder);
+        let outlets = self.decoder.inputs().to_vec();
+        let inputs = self.contract.inputs(&outlets, (prompts, labels), earlier, image, scale);
+        let outputs = self.decoder.run(inputs).map_err(failed)?;
+        let (shape, logits) = floats(&outputs, &self.contract.masks).map_err(failed)?;
+        let (_, ratings) = floats(&outputs, &self.contract.ratings).map_err(failed)?;
+        if !logits.iter().chain(ratings).all(|v| v.is_finite()) {
+            return Err(Error::input_at(&self.folder, "The mask decoder returned not-a-number", NOT_FINITE));
+        }
+        let used = [0, 1].map(|i| (size[i] as f32 * scale[i] / self.side as f32).min(1.0));
+        let prediction = prediction(&shape, logits.to_vec(), ratings.to_vec(), prompts.len(), size, used);
+        self.decoding += started.elapsed();
+        prediction
+    }
+
     /// An image in the form that the encoder reads, [1, 3, side, side].
     fn tensor(&self, image: &RgbImage) -> Vec<f32> {
         let size = [image.width(), image.height()];
@@ -181,25 +215,17 @@ impl PointSegmenter for SegmentAnything {
     }
 
     fn predict(&mut self, prompts: &[Vec<[f32; 2]>], earlier: Option<&[f32]>) -> Result<Prediction> {
-        let started = Instant::now();
-        let Some(image) = &self.image else {
-            return Err(Error::input("the mask decoder was asked before it had an image", ""));
-        };
-        let size = image.size;
-        let scale = self.scale(size);
-        let failed = |cause| failed("decoder", cause, &self.folder);
-        let outlets = self.decoder.inputs().to_vec();
-        let inputs = self.contract.inputs(&outlets, prompts, earlier, image, scale);
-        let outputs = self.decoder.run(inputs).map_err(failed)?;
-        let (shape, logits) = floats(&outputs, &self.contract.masks).map_err(failed)?;
-        let (_, ratings) = floats(&outputs, &self.contract.ratings).map_err(failed)?;
-        if !logits.iter().chain(ratings).all(|v| v.is_finite()) {
-            return Err(Error::input_at(&self.folder, "The mask decoder returned not-a-number", NOT_FINITE));
+        self.ask(prompts, ON_OBJECT, earlier)
+    }
+
+    fn predict_box(&mut self, [a, b]: [[f32; 2]; 2]) -> Result<Prediction> {
+        let low = [a[0].min(b[0]), a[1].min(b[1])];
+        let high = [a[0].max(b[0]), a[1].max(b[1])];
+        if self.contract.has_outer_axis {
+            // These take boxes by an input of their own, if at all.
+            return self.ask(&[vec![[0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]]], ON_OBJECT, None);
         }
-        let used = [0, 1].map(|i| (size[i] as f32 * scale[i] / self.side as f32).min(1.0));
-        let prediction = prediction(&shape, logits.to_vec(), ratings.to_vec(), prompts.len(), size, used);
-        self.decoding += started.elapsed();
-        prediction
+        self.ask(&[vec![low, high]], CORNERS, None)
     }
 
     fn earlier_size(&self) -> Option<[usize; 2]> {
@@ -333,19 +359,19 @@ impl Contract {
         })
     }
 
-    /// Inputs of the decoder for `prompts`, whose points are multiplied by `scale`. `earlier` holds masks
-    /// to refine.
+    /// Inputs of the decoder for prompts of points, whose labels are given as in [`SegmentAnything::ask`]. The
+    /// points are multiplied by `scale`. `earlier` holds masks to refine.
     fn inputs<'a>(
         &self,
         outlets: &'a [Outlet],
-        prompts: &[Vec<[f32; 2]>],
+        (prompts, labels): (&[Vec<[f32; 2]>], &[f32]),
         earlier: Option<&[f32]>,
         image: &'a Encoded,
         scale: [f32; 2],
     ) -> Vec<(&'a str, Input<'a>)> {
         let n = prompts.len();
         // SAM 1 was trained with a last point that means "no box".
-        let padding = usize::from(self.is_padded && !self.has_outer_axis);
+        let padding = usize::from(self.is_padded && !self.has_outer_axis && labels != CORNERS);
         let num_points = prompts.first().map_or(0, Vec::len) + padding;
         let outer =
             |axes: &[usize]| if self.has_outer_axis { [&[1][..], axes].concat() } else { axes.to_vec() };
@@ -362,7 +388,11 @@ impl Contract {
                     Input::F32(outer(&[n, num_points, 2]), prompts.iter().flat_map(with_padding).collect())
                 }
                 Feed::Labels => {
-                    let one = |i: usize| if i % num_points < num_points - padding { 1.0 } else { -1.0 };
+                    let last = labels.len() - 1;
+                    let one = |i: usize| match i % num_points {
+                        k if k < num_points - padding => labels[k.min(last)],
+                        _ => PADDING,
+                    };
                     Input::F32(outer(&[n, num_points]), (0..n * num_points).map(one).collect())
                 }
                 Feed::EarlierMask => {

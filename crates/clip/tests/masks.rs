@@ -8,7 +8,7 @@ mod models;
 
 use damaged::with_constant;
 use image::{Rgb, RgbImage};
-use models::{SIDE, encoder, image_encoder, sam1_decoder, sam2_decoder};
+use models::{SIDE, encoder, image_encoder, label_decoder, sam1_decoder, sam2_decoder};
 use std::{fs, path::Path};
 use surgtpgs_clip::{
     ImageEncoder, SegmentAnything,
@@ -19,7 +19,9 @@ use surgtpgs_core::{
     grid::{Grid, Mask},
     mask,
     progress::unobserved,
-    segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
+    segment::{
+        BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, Pointed, automatic_masks, pointed_mask,
+    },
 };
 use tempfile::TempDir;
 
@@ -105,6 +107,29 @@ fn sam1_is_recognised_and_finds_what_is_there() {
         &mut model,
         &MaskSettings { min_region_px: 10, ..MaskSettings::of_grid(8) },
     ));
+}
+
+#[test]
+fn one_object_is_found_at_a_point_and_in_a_box() {
+    let folder = sam2();
+    let mut model = SegmentAnything::open(folder.path()).unwrap();
+    model.set_image(&picture()).unwrap();
+    for place in [Pointed::Point([50.0, 25.0]), Pointed::Box([[88.0, 29.0], [31.0, 21.0]])] {
+        let found = pointed_mask(&mut model, [96, 64], place).unwrap().unwrap();
+        let iou = mask::iou(&found.to_mask(), &pixels_of(TOOL)).unwrap();
+        assert!(iou > 0.75, "{place:?}: {iou}");
+    }
+}
+
+#[test]
+fn corners_of_a_box_are_told_from_points_on_an_object() {
+    let encoder = encoder(&["image_embed", "high_res_feats_0"]).into_bytes();
+    let folder = folder(&[("a.onnx", encoder), ("b.onnx", label_decoder().into_bytes())]);
+    let mut model = SegmentAnything::open(folder.path()).unwrap();
+    model.set_image(&picture()).unwrap();
+    let several = vec![[3.0, 4.0], [5.0, 6.0], [7.0, 8.0]];
+    assert_eq!(model.predict(&[several], None).unwrap().predicted_iou, [1.0]);
+    assert_eq!(model.predict_box([[3.0, 4.0], [50.0, 60.0]]).unwrap().predicted_iou, [3.0]);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use super::{Engine, Recorded, SceneView, asking::Asking, blank};
 use crate::memory::{Work, require_for};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
+use surgtpgs_clip::SegmentAnything;
 use surgtpgs_core::{
     Error, Result,
     grid::Grid,
@@ -45,10 +46,19 @@ impl Engine {
         Canvas { width, height, frame_names, num_frames: self.scene.num_frames() }
     }
 
-    /// Reads a file of marks, see [`Engine::set_marks`]. The file is an input from now on.
-    pub fn read_marks(&mut self, path: &Path) -> Result<()> {
-        self.set_marks(Marks::read_for(path, &self.canvas(), || self.sequence().cloned())?)?;
-        self.marks_file = Some(path.to_owned());
+    /// Reads a file of marks, see [`Engine::set_marks`]. With a folder of a Segment Anything, clicks and boxes
+    /// become the masks that it finds there first. Both are inputs from now on.
+    pub fn read_marks(&mut self, path: &Path, masks_model: Option<&Path>) -> Result<()> {
+        let mut marks = Marks::read_for(path, &self.canvas(), || self.sequence().cloned())?;
+        if let Some(folder) = masks_model {
+            let Some(sequence) = self.sequence() else {
+                let what = "the recording is not at hand, in which masks of clicks and boxes are looked for";
+                return Err(Error::input(what, "Name it with --sequence."));
+            };
+            marks = marks.with_masks(&mut SegmentAnything::open(folder)?, |i| sequence.frame(i))?;
+        }
+        self.set_marks(marks)?;
+        self.marks_files = [path].into_iter().chain(masks_model).map(Path::to_owned).collect();
         Ok(())
     }
 

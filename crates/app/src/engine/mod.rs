@@ -161,8 +161,8 @@ pub struct Engine {
     graph: Option<Arc<Graph>>,
     /// Chapter of a long scene that was turned from last, with its marks.
     turned_from: Option<TurnedFrom>,
-    /// File that the marks were read from.
-    marks_file: Option<PathBuf>,
+    /// File that the marks were read from, and folder of the network that made masks of them.
+    marks_files: Vec<PathBuf>,
     /// Folder of the text encoder that was chosen in place of the scene's.
     chosen_encoder: Option<PathBuf>,
 }
@@ -234,7 +234,7 @@ impl Engine {
             pending: Arc::default(),
             graph: None,
             turned_from: None,
-            marks_file: None,
+            marks_files: Vec::new(),
             chosen_encoder,
         })
     }
@@ -251,8 +251,8 @@ impl Engine {
             .with("the scene", path)
             .with("the scene's recording", &self.scene.provenance.sequence_path)
             .with_some("the text encoder", encoder)
-            .with_some("the text encoder", self.chosen_encoder.as_deref())
-            .with_some("the marks", self.marks_file.as_deref());
+            .with_some("the text encoder", self.chosen_encoder.as_deref());
+        let inputs = self.marks_files.iter().fold(inputs, |inputs, file| inputs.with("the marks", file));
         self.sequence().into_iter().fold(inputs, Inputs::with_recording)
     }
 

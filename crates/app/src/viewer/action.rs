@@ -18,6 +18,7 @@ use crate::viewer::{
 use crate::{engine::Negatives, jobs::ExportRequest};
 use egui::{Context, KeyboardShortcut};
 use std::path::PathBuf;
+use surgtpgs_core::marks::Mark;
 
 /// Something that a panel wants to be done.
 pub(crate) enum Action {
@@ -43,6 +44,10 @@ pub(crate) enum Action {
     Look { look: Look, is_moving: bool },
     /// Notes where the panes were painted.
     Place(Panes),
+    /// Adds a mark, with the mask of what it points at if that is wanted.
+    AddMark(Mark),
+    /// Asks for the folder of the network that finds borders.
+    ChooseMasksModel,
     /// Changes the tool that marks are made with; see [`Action::marking`].
     Marking(Box<dyn FnOnce(&mut Marking)>),
     /// Changes the width of the side panel.
@@ -167,6 +172,8 @@ impl Shared {
                 self.viewport.is_moving |= is_moving;
             }
             Action::Place(panes) => self.viewport.panes = panes,
+            Action::AddMark(mark) => self.add_mark(mark, ctx),
+            Action::ChooseMasksModel => self.choose_masks_model(ctx),
             Action::Marking(change) => change(&mut self.viewport.marking),
             Action::PanelWidth(width) => self.preferences.panel_width = width,
             Action::Wipe(share) => self.viewport.wipe = share,

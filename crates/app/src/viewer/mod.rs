@@ -73,7 +73,7 @@ pub fn run(input: ViewerInput, demo_folder: Option<PathBuf>) -> Result<()> {
             meshes::install(state, &cc.egui_ctx);
         }
         let autosave = Autosave::open(Autosave::user_folder());
-        let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
+        let mut shell = Shell::new(&cc.egui_ctx, Arc::<EngineBackend>::default(), preferences, autosave);
         shell.shared.opening.demo_folder.clone_from(&demo_folder);
         shell.begin(&input, &cc.egui_ctx);
         Ok(Box::new(shell) as Box<dyn eframe::App>)

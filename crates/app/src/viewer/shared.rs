@@ -16,6 +16,7 @@ use crate::viewer::{
         marking::Marking,
         opening::Opening,
         playback::Playback,
+        pointing::Pointing,
         preferences::Preferences,
         reconstruction::Reconstruction,
         saving::Saving,
@@ -44,6 +45,8 @@ pub(crate) struct Shared {
     pub(crate) viewport: Viewport,
     pub(crate) open: Option<Open>,
     pub(crate) opening: Opening,
+    /// Marks that wait for the masks of what they point at.
+    pub(crate) pointing: Pointing,
     pub(crate) reconstruction: Reconstruction,
     /// Export that is running, or has ended and was not looked at.
     pub(crate) exporting: Option<Exporting>,
@@ -137,6 +140,7 @@ impl Shared {
             viewport: Viewport::default(),
             open: None,
             opening: Opening::default(),
+            pointing: Pointing::default(),
             reconstruction: Reconstruction::default(),
             exporting: None,
             saving: Saving::new(autosave),

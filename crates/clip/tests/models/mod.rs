@@ -83,6 +83,21 @@ pub fn sam2_decoder() -> Graph {
     rated(colours_at_points(graph, "image_embed"), 3, "masks", "iou_predictions")
 }
 
+/// A decoder of SAM 2's contract with one answer, which it rates by the largest label of the prompt.
+pub fn label_decoder() -> Graph {
+    let side = Some(SIDE as i64);
+    Graph::default()
+        .input("image_embed", FLOAT, &[Some(1), Some(3), side, side])
+        .input("high_res_feats_0", FLOAT, &[Some(1), Some(3), side, side])
+        .input("point_coords", FLOAT, &[None, None, Some(2)])
+        .input("point_labels", FLOAT, &[None, None])
+        .output("masks", FLOAT, &[Some(1), Some(1), side, side])
+        .output("iou_predictions", FLOAT, &[None, Some(1)])
+        .ints("channels", &[1], &[1])
+        .node_with("masks", "ReduceSum", &["image_embed", "channels"], &[("keepdims", &[1])])
+        .node_with("iou_predictions", "ReduceMax", &["point_labels"], &[("axes", &[1]), ("keepdims", &[1])])
+}
+
 /// SAM 1 as `segment_anything` exports it: one prompt, a padding point, the size of the image, and four
 /// answers of which the first is for many points.
 pub fn sam1_decoder() -> Graph {

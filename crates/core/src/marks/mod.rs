@@ -9,7 +9,7 @@
 //! [`Marks`] reads and checks marks, [`Evidence`] sums them up for each pixel of a frame, and [`Carried`]
 //! gives scores on every frame. [`ChapterMarks`] finds the marks that count in each chapter of a long scene.
 //! Nothing depends on the order of marks, and a mark and its opposite leave nothing. A small structure may be
-//! marked inside of a large one.
+//! marked inside of a large one. Clicks and boxes can become masks first ([`Mark::with_mask`]).
 
 mod appearance;
 mod carried;
@@ -36,6 +36,7 @@ mod mix;
 mod notes;
 mod outside;
 mod plan;
+mod pointed;
 mod read;
 #[cfg(test)]
 mod read_tests;

@@ -108,7 +108,7 @@ fn ask(
 }
 
 /// Returns an error if the lengths of an answer do not fit.
-fn checked(prediction: Prediction, num_prompts: usize) -> Result<Prediction> {
+pub(super) fn checked(prediction: Prediction, num_prompts: usize) -> Result<Prediction> {
     let [width, height] = prediction.size;
     let (answers, len) = (prediction.masks_per_prompt, width * height);
     let num = num_prompts * answers;

@@ -3,7 +3,8 @@
 //!
 //! A [`PointSegmenter`] is asked about points on the image and on crops of it. Its coarse logits become
 //! [`BitMask`]s (`upsample`). Poor and repeated masks are removed (`nms`), small holes and islands are
-//! mended (`regions`). Points that look alike are asked together as well (`alike`).
+//! mended (`regions`). Points that look alike are asked together as well (`alike`). One object can be asked
+//! for, too (`pointed`).
 
 mod alike;
 mod bit_mask;
@@ -11,6 +12,7 @@ mod dense_map;
 mod generate;
 mod grid;
 mod nms;
+mod pointed;
 mod regions;
 mod store;
 mod upsample;
@@ -19,6 +21,7 @@ pub use bit_mask::BitMask;
 pub use dense_map::DenseMap;
 pub(crate) use generate::FINDING_MASKS;
 pub use generate::automatic_masks;
+pub use pointed::{Pointed, pointed_mask};
 
 use crate::{Result, grid::Grid};
 use image::RgbImage;
@@ -32,6 +35,12 @@ pub trait PointSegmenter {
     /// one object; all prompts have the same number of points. `earlier` are answers to the same prompts that
     /// should be improved, [prompts][rows × columns] logits of the size that [`Self::earlier_size`] returns.
     fn predict(&mut self, prompts: &[Vec<[f32; 2]>], earlier: Option<&[f32]>) -> Result<Prediction>;
+
+    /// Asks about the object in a box, which is given by two opposite corners (x, y) in pixels of the picture.
+    /// A network that knows no boxes is asked about the middle.
+    fn predict_box(&mut self, [a, b]: [[f32; 2]; 2]) -> Result<Prediction> {
+        self.predict(&[vec![[0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]]], None)
+    }
 
     /// Returns the columns and rows of earlier answers that it can improve; `None` if it cannot.
     fn earlier_size(&self) -> Option<[usize; 2]>;

@@ -286,6 +286,9 @@ pub(crate) trait Backend: Send + Sync {
         folders: &[PathBuf],
         task: &TaskContext,
     ) -> Result<Option<PathBuf>>;
+    /// Returns a mark on a recording with the mask of the object that it points at, if the Segment Anything in
+    /// the folder `model` finds one.
+    fn with_mask(&self, model: &Path, recording: &Path, mark: &Mark) -> Result<Mark>;
     /// Trains and saves a scene. After a cancellation, the scene learned so far is still saved and returned.
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf>;
 }

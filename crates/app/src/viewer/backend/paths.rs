@@ -22,6 +22,8 @@ pub(crate) enum PathKind {
     File(&'static [&'static str]),
     /// A folder that exists.
     Folder,
+    /// A folder that exists, with a Segment Anything that finds the borders of marks.
+    MasksModel,
     /// A file of marks that exists.
     Marks,
     /// A file of marks to write, of this name to begin with.
@@ -43,7 +45,7 @@ impl PathKind {
     pub(crate) fn written_extension(&self) -> Option<&str> {
         match self {
             Self::SaveMarks(name) | Self::Save(name, _) => name.rsplit('.').next(),
-            Self::File(_) | Self::Folder | Self::Marks => None,
+            Self::File(_) | Self::Folder | Self::MasksModel | Self::Marks => None,
         }
     }
 
@@ -137,7 +139,7 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
             .add_filter("Reconstructions, sessions and videos", extensions)
             .add_filter("All files", &["*"])
             .pick_file(),
-        PathKind::Folder => dialog.pick_folder(),
+        PathKind::Folder | PathKind::MasksModel => dialog.pick_folder(),
         PathKind::Marks => dialog
             .add_filter("Marks and annotations", &Marks::EXTENSIONS)
             .add_filter("All files", &["*"])

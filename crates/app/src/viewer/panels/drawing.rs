@@ -292,7 +292,7 @@ fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>, size: [usize; 2]) {
     if draft.is_some_and(is_empty) {
         actions.push(Action::Say(ENCLOSES_NOTHING));
     } else if let Some(mark) = draft.filter(|draft| draft.fits).map(|draft| draft.mark.clone()) {
-        actions.push(Action::edit(move |d| d.add_mark(mark)));
+        actions.push(Action::AddMark(mark));
     }
     actions.push(Action::marking(|m| m.draft = None));
 }

@@ -10,6 +10,7 @@ use crate::viewer::{
         excluded::EXCLUDED,
         marking::{RADII_PX, Tool},
     },
+    text::counted,
     theme,
 };
 use egui::{Align, Button, Frame, Id, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
@@ -136,6 +137,39 @@ fn side_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         if radius != marking.radius_px {
             actions.push(Action::marking(move |m| m.radius_px = radius));
         }
+    }
+    if marking.tool.points() {
+        borders_ui(ui, shared, actions);
+    }
+}
+
+/// Shows the choice of a network that makes a mask of what is clicked on or boxed.
+fn borders_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let folder = &shared.preferences.models.masks;
+    let is_chosen = !folder.as_os_str().is_empty();
+    let mut wanted = shared.preferences.finds_borders && is_chosen;
+    ui.horizontal_wrapped(|ui| {
+        let tip = "A Segment Anything makes a mask of the object that you click on or draw a box around";
+        if ui.checkbox(&mut wanted, "Find the borders").on_hover_text(tip).changed() {
+            actions.push(match is_chosen {
+                true => Action::prefer(move |p| p.finds_borders = wanted),
+                false => Action::ChooseMasksModel,
+            });
+        }
+        if wanted {
+            let tip = format!("{}: choose another Segment Anything", folder.display());
+            let button = Button::new(RichText::new("Network…").font(theme::small()));
+            if ui.add(button).on_hover_text(tip).clicked() {
+                actions.push(Action::ChooseMasksModel);
+            }
+        }
+    });
+    let count = shared.pointing.count();
+    if wanted && !shared.finds_borders() {
+        let text = "The recorded frames are not at hand: borders cannot be found in them.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    } else if count > 0 {
+        ui.label(caption(format!("Finding the borders of {}…", counted(count, "mark", "marks"))));
     }
 }
 

@@ -181,7 +181,7 @@ fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
         _ if !entry.is_file => true,
         PathKind::File(extensions) => extensions.contains(&&*extension),
         PathKind::Marks => Marks::EXTENSIONS.contains(&&*extension),
-        PathKind::Folder => false,
+        PathKind::Folder | PathKind::MasksModel => false,
         PathKind::Save(..) | PathKind::SaveMarks(_) => kind.written_extension() == Some(&*extension),
     }
 }
@@ -191,8 +191,8 @@ fn problem(path: &Path, kind: &PathKind, own: Option<&Path>) -> Option<String> {
     let file = kind.completed(path);
     let why = match kind {
         PathKind::File(_) | PathKind::Marks if !path.exists() => "There is no such file.",
-        PathKind::Folder if !path.is_dir() => "There is no such folder.",
-        PathKind::File(_) | PathKind::Marks | PathKind::Folder => return None,
+        PathKind::Folder | PathKind::MasksModel if !path.is_dir() => "There is no such folder.",
+        PathKind::File(_) | PathKind::Marks | PathKind::Folder | PathKind::MasksModel => return None,
         PathKind::Save(..) | PathKind::SaveMarks(_) if path.is_dir() => {
             "Type a name for the file behind the folder."
         }

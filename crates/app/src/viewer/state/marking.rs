@@ -34,6 +34,11 @@ impl Tool {
         }
     }
 
+    /// Returns `true` if it points at an object, whose mask a network can find.
+    pub(crate) fn points(self) -> bool {
+        matches!(self, Self::Click | Self::Box)
+    }
+
     pub(crate) fn has_radius(self) -> bool {
         matches!(self, Self::Brush | Self::Click)
     }

@@ -19,6 +19,7 @@ pub(crate) mod measure;
 pub(crate) mod opening;
 pub(crate) mod phases;
 pub(crate) mod playback;
+pub(crate) mod pointing;
 pub(crate) mod preferences;
 pub(crate) mod recent;
 pub(crate) mod reconstruction;

@@ -28,6 +28,8 @@ pub(crate) struct Preferences {
     pub(crate) seconds_per_step_and_pixel: Option<f64>,
     /// Networks that were chosen last to make recordings searchable.
     pub(crate) models: Models,
+    /// `true` if clicks and boxes become the masks that the network for regions finds.
+    pub(crate) finds_borders: bool,
     /// Paths that were opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
     /// `true` if [`Preferences::recent`] is kept. Paths may hold names of patients.
@@ -58,6 +60,7 @@ impl Default for Preferences {
             window_size: None,
             seconds_per_step_and_pixel: None,
             models: Models::default(),
+            finds_borders: false,
             recent: Vec::new(),
             remembers_files: true,
             keys: Keymap::new(),

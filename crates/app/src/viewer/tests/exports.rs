@@ -38,7 +38,8 @@ pub(super) fn program(folder: &Path, line: &[&str]) {
 
 fn through_the_window(request: ExportRequest, negatives: Negatives) -> ExportSummary {
     let ctx = egui::Context::default();
-    let mut job = Task::start("export", &ctx, move |job| EngineBackend.export(&request, &negatives, job));
+    let mut job =
+        Task::start("export", &ctx, move |job| EngineBackend::default().export(&request, &negatives, job));
     loop {
         match job.poll() {
             Some(TaskEvent::Done(result)) => return result.unwrap(),

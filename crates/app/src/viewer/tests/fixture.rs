@@ -156,6 +156,7 @@ pub(super) struct FakeBackend {
     pub(super) is_trained: AtomicBool,
     pub(super) is_export_slow: AtomicBool,
     pub(super) is_flip_slow: AtomicBool,
+    pub(super) is_network_slow: AtomicBool,
     /// Hash and number of the frames, once the recording has other ones.
     pub(super) changed: Mutex<Option<(String, usize)>>,
     /// Answer of the system's file dialog; without it, there is none.
@@ -255,6 +256,22 @@ impl Backend for FakeBackend {
     ) -> Result<Option<PathBuf>> {
         task.progress("looking", 1, 1, String::new());
         Ok(self.found.lock().unwrap().clone().filter(|found| folders.contains(found)))
+    }
+    fn with_mask(&self, model: &Path, _: &Path, mark: &Mark) -> Result<Mark> {
+        while self.is_network_slow.load(Ordering::Relaxed) {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        match model.to_str() {
+            Some("/broken") => Err(Error::input("the network is damaged", "Choose another one.")),
+            Some("/blind") => Ok(mark.clone()),
+            // The object takes the left half of the picture.
+            _ => {
+                let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+                let is_left = (0..width * height).map(|i| i % width < width / 2).collect();
+                let shape = surgtpgs_core::marks::Shape::from(&Grid::from_vec(width, height, is_left));
+                Ok(Mark { shape, ..mark.clone() })
+            }
+        }
     }
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()

@@ -19,7 +19,7 @@ fn real(folder: &Path) -> Window {
         Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(|cc| {
             let mut preferences = Preferences::load(None);
             preferences.is_acknowledged = true;
-            Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
+            Shell::new(&cc.egui_ctx, Arc::<EngineBackend>::default(), preferences, Autosave::default())
         });
     let mut window = Window { harness, backend: Arc::default() };
     let ctx = window.harness.ctx.clone();

@@ -2,6 +2,7 @@
 //! engine: its frame i is a grey of level i, "gallbladder" is the left part of every picture, and "nothing"
 //! is nowhere.
 
+mod borders;
 mod endings;
 mod exports;
 mod fixture;

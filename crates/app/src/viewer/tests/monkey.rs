@@ -88,7 +88,7 @@ impl Monkey {
         let harness = builder.build_eframe(|cc| {
             let mut preferences = Preferences::load(None);
             preferences.is_acknowledged = true;
-            Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
+            Shell::new(&cc.egui_ctx, Arc::<EngineBackend>::default(), preferences, Autosave::default())
         });
         // The same policy as in the real window, where the system's fonts may lack a sign, too.
         harness.ctx.set_missing_glyph_policy(egui::MissingGlyphPolicy::Tofu);

@@ -6,5 +6,6 @@ mod exporting;
 mod marking;
 mod notes;
 mod opening;
+mod pointing;
 mod saving;
 mod training;

@@ -86,6 +86,7 @@ impl Shared {
         match kind {
             PathKind::File(_) | PathKind::Folder => self.open_path(path, ctx),
             PathKind::Marks => self.read_marks(path, ctx),
+            PathKind::MasksModel => self.take_masks_model(path),
             PathKind::SaveMarks(_) | PathKind::Save(..) => self.write_picked(path, kind, now),
         }
     }
@@ -109,6 +110,7 @@ impl Shared {
     pub(crate) fn poll_opening(&mut self, now: f64, ctx: &Context) {
         self.poll_picking(now, ctx);
         self.poll_marks(now);
+        self.poll_pointing(now, ctx);
         self.poll_demo(ctx);
         self.opening.gone.poll(&self.preferences.recent, ctx);
         if let Some(TaskEvent::Done(result)) = self.opening.underway.as_mut().and_then(|u| u.task.poll())

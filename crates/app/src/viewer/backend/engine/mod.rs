@@ -2,6 +2,7 @@
 
 mod features;
 mod info;
+mod pointing;
 mod recording;
 mod scene;
 mod training;
@@ -19,14 +20,19 @@ use crate::{
     memory::{self, Work, require_for},
     outputs,
 };
+use pointing::Segmenter;
 use recording::RecordingSource;
 use scene::SceneSource;
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
 use surgtpgs_core::{
     Result,
     demo::{self, DemoSettings},
     export::ExportSummary,
     files::{Inputs, claim_collection},
+    marks::Mark,
     relevancy::RelevancySettings,
     scene::Scene,
     sequence::Sequence,
@@ -39,7 +45,11 @@ pub(crate) fn source_of(engine: Engine) -> Box<dyn FrameSource> {
 }
 
 /// Opens, exports and trains with the program's own engine.
-pub(crate) struct EngineBackend;
+#[derive(Default)]
+pub(crate) struct EngineBackend {
+    /// The network that finds borders, once it was asked.
+    segmenter: Mutex<Option<Segmenter>>,
+}
 
 impl Backend for EngineBackend {
     fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
@@ -132,6 +142,10 @@ impl Backend for EngineBackend {
         task: &TaskContext,
     ) -> Result<Option<PathBuf>> {
         features::found_before(models, recording, folders, task)
+    }
+
+    fn with_mask(&self, model: &Path, recording: &Path, mark: &Mark) -> Result<Mark> {
+        pointing::with_mask(&self.segmenter, model, recording, mark)
     }
 
     fn available_bytes(&self) -> Option<u64> {

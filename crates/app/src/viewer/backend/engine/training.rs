@@ -214,7 +214,11 @@ mod tests {
         engine::{EngineBackend, recording::RecordingSource},
     };
     use image::{Rgb, RgbImage};
-    use surgtpgs_core::{demo::DemoSettings, train::Quality};
+    use surgtpgs_core::{
+        demo::DemoSettings,
+        marks::{Mark, Shape},
+        train::Quality,
+    };
 
     /// Waits for the result of a task. With `until_told`, returns `None` once the task reports that something
     /// is not saved yet.
@@ -401,7 +405,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (_, models) = recording_and_models(folder.path());
         let faults = |models: Models| {
-            let check = move |task: &TaskContext| EngineBackend.check_models(&models, task);
+            let check = move |task: &TaskContext| EngineBackend::default().check_models(&models, task);
             let mut task = Task::start("models", &egui::Context::default(), check);
             loop {
                 match task.poll() {
@@ -420,6 +424,23 @@ mod tests {
     }
 
     #[test]
+    fn a_click_becomes_the_mask_of_what_the_network_finds() {
+        let folder = tempfile::tempdir().unwrap();
+        let (recording, models) = recording_and_models(folder.path());
+        let backend = EngineBackend::default();
+        let click =
+            |frame, x| Mark::new(frame, "liver", true, Shape::Click { point_px: [x, 16.0], radius_px: 2.0 });
+        for (frame, x, covered) in [(0, 5.0, 0..20), (3, 40.0, 23..48), (3, 5.0, 0..23)] {
+            let made = backend.with_mask(&models.masks, &recording, &click(frame, x)).unwrap();
+            let pixels = made.shape.pixels(48, 32);
+            let wrong = (0..48).filter(|x| pixels.at(*x, 16) != covered.contains(x)).count();
+            assert!(wrong <= 2, "frame {frame}: {wrong} pixels of the row");
+        }
+        let gone = folder.path().join("gone");
+        assert!(backend.with_mask(&gone, &recording, &click(0, 5.0)).is_err());
+    }
+
+    #[test]
     fn a_recording_without_labels_is_prepared_and_learned_and_goes_on_after_a_stop() {
         let folder = tempfile::tempdir().unwrap();
         let (recording, models) = recording_and_models(folder.path());
@@ -435,7 +456,7 @@ mod tests {
         let found = |models: &Models| {
             let folders = earlier_on(&request.recording).features;
             let task = TaskContext::stopping_at(|_| false);
-            EngineBackend.found_before(models, &request.recording, &folders, &task).unwrap()
+            EngineBackend::default().found_before(models, &request.recording, &folders, &task).unwrap()
         };
         assert_eq!(found(&models), None);
         let until = |stage: &'static str| {
