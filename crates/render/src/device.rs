@@ -93,12 +93,28 @@ pub struct Loss {
 impl Gpu {
     /// Opens the best adapter that can be opened: discrete before integrated before virtual before software.
     pub fn open(choice: AdapterChoice) -> Result<Self, Unavailable> {
+        // The default limits are lower than those of every adapter.
+        Self::open_within(choice, wgpu::Adapter::limits)
+    }
+
+    /// Opens any adapter with the limits that every browser offers, and at most `bytes` in a binding; for
+    /// tests.
+    pub fn open_small(bytes: u64) -> Result<Self, Unavailable> {
+        let limits = wgpu::Limits { max_storage_buffer_binding_size: bytes, ..Default::default() };
+        Self::open_within(AdapterChoice::Any, |_| limits.clone())
+    }
+
+    /// Opens the best adapter that can be opened with the limits that `limits` gives it.
+    fn open_within(
+        choice: AdapterChoice,
+        limits: impl Fn(&wgpu::Adapter) -> wgpu::Limits,
+    ) -> Result<Self, Unavailable> {
         let mut adapters = all_adapters();
         adapters.retain(is_usable);
         adapters.sort_by_key(|a| rank(a.get_info().device_type));
         let mut best_problem = None;
         for adapter in adapters {
-            match Self::open_adapter(choice, &adapter) {
+            match Self::open_adapter(choice, &adapter, limits(&adapter)) {
                 Ok(gpu) => return Ok(gpu),
                 Err(problem) => best_problem = best_problem.or(Some(problem)),
             }
@@ -106,22 +122,28 @@ impl Gpu {
         Err(best_problem.unwrap_or(Unavailable::NoAdapter))
     }
 
-    fn open_adapter(choice: AdapterChoice, adapter: &wgpu::Adapter) -> Result<Self, Unavailable> {
+    fn open_adapter(
+        choice: AdapterChoice,
+        adapter: &wgpu::Adapter,
+        limits: wgpu::Limits,
+    ) -> Result<Self, Unavailable> {
         let info = adapter.get_info();
-        if choice == AdapterChoice::RealGpu && info.device_type == wgpu::DeviceType::Cpu {
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
+        if choice == AdapterChoice::RealGpu && is_software {
             return Err(Unavailable::OnlySoftware(info.name));
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("surgtpgs"),
             // For timing passes, if supported; no other feature is needed.
             required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
-            // The default limits are lower than those of every adapter.
-            required_limits: adapter.limits(),
+            required_limits: limits,
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| Unavailable::Refused { adapter: info.name, reason: e.to_string() })?;
-        let gpu = Self::from_device(device, queue);
+        let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
+        let (lost, counters, constants) = Default::default();
+        let gpu = Self { device, queue, lost, patience, counters, constants };
         let lost = gpu.lost.clone();
         gpu.device.set_device_lost_callback(move |_, message| {
             let loss = Loss { reason: message, hangs: false };
@@ -142,14 +164,6 @@ impl Gpu {
             }
         };
         all_adapters().into_iter().map(facts).collect()
-    }
-
-    /// Uses a device opened elsewhere, e.g. the window's; its owner is informed of its loss.
-    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
-        let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
-        let (lost, counters, constants) = Default::default();
-        Self { device, queue, lost, patience, counters, constants }
     }
 
     /// Sets the time after which unfinished work makes the device count as lost.

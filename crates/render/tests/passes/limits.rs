@@ -12,16 +12,6 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{Gpu, GpuBackend};
 
-/// The adapter of the tests with the limits that every browser offers, and at most `bytes` in a binding.
-fn small_gpu(bytes: u64) -> Gpu {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let required_limits = wgpu::Limits { max_storage_buffer_binding_size: bytes, ..Default::default() };
-    let descriptor = wgpu::DeviceDescriptor { required_limits, ..Default::default() };
-    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-    Gpu::from_device(device, queue)
-}
-
 /// Takes a step, densifies, and takes a step with the new set.
 fn train(gpu: Gpu, step: &Step) -> surgtpgs_core::Result<Model> {
     let mut backend = GpuBackend::new(gpu)?;
@@ -52,8 +42,8 @@ fn what_one_binding_cannot_hold_is_cut_and_the_bytes_are_the_same() {
         let bytes = size_of_val(&*step.model.deformation.weights);
         let limit = 700 << 10;
         assert!(bytes > 2 * limit, "nothing is cut: {bytes} bytes");
-        let (whole, cut) =
-            (train(gpu.clone(), &step).unwrap(), train(small_gpu(limit as u64), &step).unwrap());
+        let small = Gpu::open_small(limit as u64).unwrap();
+        let (whole, cut) = (train(gpu.clone(), &step).unwrap(), train(small, &step).unwrap());
         assert!(whole.gaussians.len() > step.model.gaussians.len());
         assert!(whole == cut, "shared: {is_shared}");
     }
@@ -64,7 +54,8 @@ fn what_cannot_be_cut_is_refused_with_what_to_lower() {
     if gpu().is_none() {
         return;
     }
-    let error = train(small_gpu(64 << 10), &large_step(true)).unwrap_err();
+    let small = Gpu::open_small(64 << 10).unwrap();
+    let error = train(small, &large_step(true)).unwrap_err();
     assert_eq!(error.remedy(), Some(Remedy::UseCpu));
     let message = error.to_string();
     for part in ["the GPU holds at most", "smaller scene or picture"] {
