@@ -143,6 +143,8 @@ pub struct Engine {
     scene: Arc<Scene>,
     recording: Recorded,
     machine: Machine,
+    /// `true` if the CPU stands in for a GPU that could not do this scene. Another scene may fit.
+    stands_in: bool,
     backend: BackendChoice,
     clock: FrameClock,
     last: Option<Rendered>,
@@ -214,7 +216,7 @@ impl Engine {
             require_for(&Work::Pictures(camera.width, camera.height))?;
         }
         let working = tools.filter(Tools::work).map_or_else(|| Tools::open(options.backend), Ok);
-        let Tools { machine, encoder } = working?;
+        let Tools { machine, encoder, .. } = working?;
         let settings = settings_of(&scene);
         let chosen_encoder = options.encoder.folder().map(Path::to_owned);
         Ok(Self {
@@ -223,6 +225,7 @@ impl Engine {
             scene,
             recording,
             machine,
+            stands_in: false,
             backend: options.backend,
             clock: FrameClock::default(),
             last: None,
@@ -354,18 +357,23 @@ impl Engine {
     }
 
     /// Does `work`. If the graphics device is lost meanwhile, opens a machine anew and does `work` once more.
-    /// After a hang the new machine is the CPU; if a GPU was asked for, the error is returned instead.
+    /// What the GPU cannot do, because it hangs, has no room or its driver fails, the CPU does, from then on
+    /// with everything else; if a GPU was asked for, the error is returned instead.
     fn on_a_working_machine<T>(&mut self, mut work: impl FnMut(&mut Self) -> Result<T>) -> Result<T> {
-        let result = work(self);
-        let Some(loss) = self.machine.loss().filter(|_| result.is_err()) else { return result };
-        let backend = match self.backend {
-            BackendChoice::Auto if loss.hangs => BackendChoice::Cpu,
-            BackendChoice::Gpu if loss.hangs => return result,
-            backend => backend,
-        };
-        self.machine = Machine::open(backend)?;
-        self.last = None;
-        work(self)
+        let mut result = work(self);
+        if result.is_err() && self.machine.loss().is_some_and(|loss| !loss.hangs) {
+            self.machine = Machine::open(self.backend)?;
+            self.last = None;
+            result = work(self);
+        }
+        let is_of_gpu = result.as_ref().is_err_and(|error| error.remedy() == Some(Remedy::UseCpu));
+        if is_of_gpu && self.machine.is_gpu() && self.backend != BackendChoice::Gpu {
+            self.stands_in = self.machine.loss().is_none();
+            self.machine = Machine::open(BackendChoice::Cpu)?;
+            self.last = None;
+            result = work(self);
+        }
+        result
     }
 
     /// Returns the GPU, if it is the machine that renders.

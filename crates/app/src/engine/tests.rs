@@ -156,6 +156,38 @@ fn where_the_device_hangs_the_cpu_takes_over_unless_a_gpu_was_asked_for() {
 }
 
 #[test]
+fn what_a_gpu_has_no_room_for_the_cpu_does_unless_a_gpu_was_asked_for() {
+    let Some(mut engine) = gpu_engine() else { return };
+    let small = SceneView::free(0.5, engine.scene().cameras[0]);
+    let large = small.resized(1600, 1200);
+    let draw = |engine: &mut Engine, view: &SceneView, shows: bool| -> Result<()> {
+        engine.forget_last();
+        if shows {
+            engine.show(view, Ask::Nothing, Wanted::ALL).map(drop)
+        } else {
+            engine.render(view, false).map(drop)
+        }
+    };
+    let is_cpu = |engine: &Engine| engine.renderer_name().starts_with("CPU");
+    for shows in [false, true] {
+        for backend in [BackendChoice::Gpu, BackendChoice::Auto] {
+            // The planes of the small picture take 60 KiB, those of the large one 37 MiB.
+            let gpu = Gpu::open_small(16 << 20).unwrap();
+            engine.machine = Machine::Gpu(Box::new(GpuRenderer::new(gpu).unwrap()));
+            engine.backend = backend;
+            draw(&mut engine, &small, shows).unwrap();
+            assert!(!is_cpu(&engine));
+            let drawn = draw(&mut engine, &large, shows);
+            let goes_on = backend == BackendChoice::Auto;
+            assert_eq!((drawn.is_ok(), is_cpu(&engine)), (goes_on, goes_on), "{:?}", drawn.err());
+            draw(&mut engine, &small, shows).unwrap();
+            assert_eq!(is_cpu(&engine), goes_on, "it stays the same machine");
+        }
+        assert!(!engine.give_tools().work(), "another scene may fit on the GPU");
+    }
+}
+
+#[test]
 fn what_is_picked_is_in_the_view_shown_last() {
     let mut engine = asked_engine(BackendChoice::Cpu);
     assert_eq!(engine.pick([1, 1]).unwrap(), None);

@@ -8,6 +8,8 @@ use surgtpgs_core::Result;
 /// picture, so an engine may take over those of an earlier one.
 pub(crate) struct Tools {
     pub(super) machine: Machine,
+    /// `true` if the CPU stands in for a GPU that could not do the earlier engine's scene.
+    pub(super) stands_in: bool,
     /// The text encoder, if words needed it.
     pub(super) encoder: Option<TextEncoder>,
 }
@@ -15,12 +17,12 @@ pub(crate) struct Tools {
 impl Tools {
     /// Opens the machine of choice.
     pub(super) fn open(backend: BackendChoice) -> Result<Self> {
-        Ok(Self { machine: Machine::open(backend)?, encoder: None })
+        Ok(Self { machine: Machine::open(backend)?, stands_in: false, encoder: None })
     }
 
-    /// Returns `false` if the graphics device was lost.
+    /// Returns `false` if the graphics device was lost, or could not do the earlier engine's scene.
     pub(super) fn work(&self) -> bool {
-        self.machine.loss().is_none()
+        self.machine.loss().is_none() && !self.stands_in
     }
 }
 
@@ -28,7 +30,7 @@ impl Engine {
     /// Gives its tools away at its end. Pictures that are still asked for come from the CPU.
     pub(crate) fn give_tools(&mut self) -> Tools {
         let machine = std::mem::replace(&mut self.machine, Machine::Cpu(Box::default()));
-        Tools { machine, encoder: self.asking.give_encoder() }
+        Tools { machine, stands_in: self.stands_in, encoder: self.asking.give_encoder() }
     }
 }
 
