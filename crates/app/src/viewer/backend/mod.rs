@@ -90,8 +90,6 @@ pub(crate) struct Info {
     pub(crate) has_labels: bool,
     /// Examples of prompts, e.g. the class names.
     pub(crate) example_prompts: Vec<String>,
-    /// Name of the renderer, e.g. "CPU, 2 threads".
-    pub(crate) renderer: String,
     /// Notes about this scene that the user should know, a few words and a sentence each.
     pub(crate) notes: Vec<(String, String)>,
     /// Folder that can be written to, for files made of the scene or recording.
@@ -241,6 +239,10 @@ pub(crate) trait FrameSource: Send {
     /// Returns `true` if views may be requested before anybody wants to see them.
     fn prepares_ahead(&self) -> bool {
         true
+    }
+    /// Returns the name of the machine that renders now, e.g. "CPU, 2 threads"; empty if nothing is rendered.
+    fn renderer(&self) -> String {
+        String::new()
     }
     /// Returns the number of times that each pass of a frame has run so far.
     fn clock(&self) -> FrameClock {

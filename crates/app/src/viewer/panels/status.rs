@@ -38,10 +38,10 @@ fn details_ui(ui: &mut Ui, shared: &Shared) {
         for (words, why) in &info.notes {
             ui.label(caption(format!("{words}. {why}")));
         }
-        if info.has_reconstruction {
+        if !picture.renderer.is_empty() {
             let (run, all) = (picture.passes_run, FramePass::ALL.len());
-            let made = format!("The last picture took {:.0} ms, made by {}.", picture.took_ms, info.renderer);
-            ui.label(caption(made));
+            let (ms, renderer) = (picture.took_ms, &picture.renderer);
+            ui.label(caption(format!("The last picture took {ms:.0} ms, made by {renderer}.")));
             ui.label(caption(format!("{run} of {all} steps of drawing had to run anew for it.")));
         }
     });

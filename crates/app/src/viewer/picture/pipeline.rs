@@ -119,6 +119,7 @@ impl Pipeline {
             is_left_off: false,
             took_ms: 0.0,
             passes_run: 0,
+            renderer: String::new(),
             request,
         };
         let refused = self.take_marks(&picture.request.marks);
@@ -129,6 +130,7 @@ impl Pipeline {
         }
         let is_drawn = !picture.findings.is_empty();
         picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
+        picture.renderer = self.source.renderer();
         picture.took_ms = began.elapsed().as_secs_f64() * 1000.0;
         picture
     }

@@ -76,6 +76,9 @@ impl FrameSource for Telling {
             unseen: None,
         })
     }
+    fn renderer(&self) -> String {
+        format!("machine {}", self.rendered.lock().unwrap().len())
+    }
     fn motion(&mut self, _: &FrameView) -> Result<(Grid<f32>, String)> {
         Ok((Grid::filled(1, 1, 0.0), String::new()))
     }
@@ -252,6 +255,13 @@ fn frames_ahead_are_prepared_once_and_then_nothing_runs() {
     assert_eq!(rendered.lock().unwrap().len(), 13, "what was prepared is not rendered again");
     is_all_of(&pipeline.produce(request(FRAMES - 1)), FRAMES - 1);
     assert!(!pipeline.prepare_ahead(), "nothing comes after the last frame");
+}
+
+#[test]
+fn a_picture_names_the_machine_that_made_it() {
+    let (mut pipeline, _) = pipeline(8);
+    let machines = [3, 20].map(|frame| pipeline.produce(request(frame)).renderer);
+    assert_eq!(machines, ["machine 1", "machine 2"]);
 }
 
 #[test]

@@ -122,6 +122,8 @@ pub(crate) struct Picture {
     pub(crate) took_ms: f64,
     /// Number of passes of a frame that had to run for the picture.
     pub(crate) passes_run: usize,
+    /// Name of the machine that made it, e.g. "CPU, 2 threads"; empty if nothing is rendered.
+    pub(crate) renderer: String,
 }
 
 /// Result of a prompt in this view.

@@ -239,5 +239,6 @@ fn broken(request: Request) -> Picture {
         is_left_off: false,
         took_ms: 0.0,
         passes_run: 0,
+        renderer: String::new(),
     }
 }

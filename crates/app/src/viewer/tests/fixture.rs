@@ -50,6 +50,9 @@ impl FrameSource for Fake {
             || Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, (0..SIZE.0 * SIZE.1).map(is_upper).collect());
         Ok((self.info.name == "with tools").then(mask))
     }
+    fn renderer(&self) -> String {
+        "fake".into()
+    }
     fn render(&mut self, view: &FrameView, _: Parts) -> Result<Rendering> {
         Ok(Rendering {
             colour: Some(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3]))),
@@ -325,7 +328,6 @@ pub(super) fn scene() -> Info {
         has_measured_depth: true,
         has_features: true,
         example_prompts: vec!["liver".into(), "fat".into()],
-        renderer: "fake".into(),
         output_folder: "/data".into(),
         ..Info::default()
     }

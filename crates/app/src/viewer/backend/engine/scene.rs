@@ -104,7 +104,6 @@ impl SceneSource {
             has_features: scene.codec.is_some(),
             has_labels: engine.sequence().is_some_and(|s| !s.classes().is_empty()),
             example_prompts: examples(scene.classes.iter().map(|(class, _)| class.name.as_str())),
-            renderer: engine.renderer_name(),
             notes,
         };
         Self { engine, info, pivot: None, home_depth: None, spare: None }
@@ -256,6 +255,10 @@ impl FrameSource for SceneSource {
 
     fn answers_at_once(&self, view: &FrameView) -> bool {
         self.engine.answers_at_once(view.frame)
+    }
+
+    fn renderer(&self) -> String {
+        self.engine.renderer_name()
     }
 
     fn clock(&self) -> FrameClock {
