@@ -1,7 +1,7 @@
 //! Tests that the pipeline keeps and prepares the right pictures, and that frames never mix.
 
 use crate::engine::{
-    BackendChoice, Negatives, Next, Pending, Question,
+    BackendChoice, Engine, EngineOptions, Negatives, Next, Pending, Question,
     asking_tests::{adapter, engine_on},
 };
 use crate::viewer::{
@@ -26,8 +26,9 @@ use surgtpgs_core::{
     mask::CleanUp,
     overlay::OverlayLook,
     relevancy::RelevancySettings,
+    scene::Scene,
 };
-use surgtpgs_render::Traffic;
+use surgtpgs_render::{Gpu, Traffic};
 
 const FRAMES: usize = 40;
 
@@ -187,27 +188,38 @@ fn is_all_of(picture: &Picture, frame: usize) {
     assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(frame));
 }
 
+/// Opens a pipeline on a scene of three frames, whose scores a graphics adapter looks up; `None` without one.
+fn pipeline_on_adapter() -> Option<(Pipeline, Gpu)> {
+    adapter()?;
+    // Only three classes need three latent numbers, for which there are tables.
+    let mut scene = Scene::clone(engine_on(BackendChoice::Cpu, &["liver", "fat", "grasper"], &[]).scene());
+    scene.cameras = vec![scene.cameras[0]; 3];
+    let options = EngineOptions { backend: BackendChoice::Gpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
+    assert_eq!(engine.relevancy_name(), "lattice");
+    let gpu = engine.gpu().unwrap().gpu().clone();
+    Some((Pipeline::new(source_of(engine)), gpu))
+}
+
+/// Returns the bytes that cross to and from the device for a picture.
+fn crossed_by(request: Request, pipeline: &mut Pipeline, gpu: &Gpu) -> Traffic {
+    let before = gpu.traffic();
+    let picture = pipeline.produce(request);
+    let found: Vec<bool> = picture.findings.iter().map(|finding| finding.outcome.is_ok()).collect();
+    assert!(picture.problem.is_none() && found == [true], "{:?} {found:?}", picture.problem);
+    gpu.traffic().since(&before)
+}
+
 #[test]
 fn what_was_shown_once_is_shown_again_without_the_device() {
-    if adapter().is_none() {
-        return;
-    }
-    let mut engine = engine_on(BackendChoice::Gpu, &["liver", "fat"], &[]);
-    let gpu = engine.gpu().unwrap().gpu().clone();
-    let mut pipeline = Pipeline::new(source_of(engine));
+    let Some((mut pipeline, gpu)) = pipeline_on_adapter() else { return };
     let turned = |yaw: f32| {
         let mut turned = request(0);
         turned.view.orbit.yaw = yaw;
         turned
     };
-    let mut crossed_by = |request: Request| {
-        let before = gpu.traffic();
-        let picture = pipeline.produce(request);
-        assert!(picture.problem.is_none() && picture.findings.len() == 1, "{:?}", picture.problem);
-        gpu.traffic().since(&before)
-    };
     for yaw in [0.0, 0.1] {
-        assert!(crossed_by(turned(yaw)).read_back > 0, "the first time");
+        assert!(crossed_by(turned(yaw), &mut pipeline, &gpu).read_back > 0, "the first time");
     }
     let other = |change: &dyn Fn(&mut Request)| {
         let mut request = request(0);
@@ -223,7 +235,31 @@ fn what_was_shown_once_is_shown_again_without_the_device() {
         other(&|request| request.clean_up.min_area_px = 30),
     ];
     for (k, request) in again.into_iter().enumerate() {
-        assert_eq!(crossed_by(request), Traffic::default(), "request {k}");
+        assert_eq!(crossed_by(request, &mut pipeline, &gpu), Traffic::default(), "request {k}");
+    }
+}
+
+#[test]
+fn what_was_prepared_ahead_is_shown_without_the_device() {
+    let Some((mut pipeline, gpu)) = pipeline_on_adapter() else { return };
+    pipeline.produce(request(0));
+    let before = gpu.traffic();
+    while pipeline.prepare_ahead() {}
+    assert!(gpu.traffic().since(&before).read_back > 0, "nothing was prepared");
+    for frame in [1, 2] {
+        assert_eq!(crossed_by(request(frame), &mut pipeline, &gpu), Traffic::default(), "frame {frame}");
+    }
+}
+
+#[test]
+fn what_marks_find_is_found_again_without_the_device() {
+    let Some((mut pipeline, gpu)) = pipeline_on_adapter() else { return };
+    let marked = Request { marks: MarkList::of(vec![click("liver")]), ..request(0) };
+    assert!(crossed_by(marked.clone(), &mut pipeline, &gpu).read_back > 0, "the first time");
+    let mut higher = marked.clone();
+    higher.prompts[0].threshold = 0.7;
+    for request in [marked, higher] {
+        assert_eq!(crossed_by(request, &mut pipeline, &gpu), Traffic::default());
     }
 }
 
