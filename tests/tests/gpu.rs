@@ -151,6 +151,9 @@ fn one_command_judges_the_adapter_on_one_page() {
         for of in ["pictures", "scores"] {
             assert!(frames[of]["beyond_a_level"].as_f64().unwrap() < 0.02, "{of}: {frames}");
         }
+        // Where a threshold decides otherwise, a picture is off by five levels at most; scores may be by more.
+        // Two in a hundred of these, and a rounding to the other side here and there, come to 0.13.
+        assert!(frames["pictures"]["mean_levels"].as_f64().unwrap() < 0.25, "{frames}");
     }
 }
 

@@ -94,16 +94,28 @@ fn gpu_engine() -> Option<Engine> {
 fn both_machines_show_the_same() {
     let Some(mut gpu) = gpu_engine() else { return };
     let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(BackendChoice::Cpu), 0.3));
-    let close = |a: &[f32], b: &[f32], by: f32| {
-        let far = a.iter().zip(b).filter(|(a, b)| (**a - **b).abs() > by).count();
+    // Nearly all values agree. Where a threshold decided otherwise, they differ by up to `at_most`.
+    let close = |a: &[f32], b: &[f32], by: f32, at_most: f32| {
+        let apart: Vec<f32> = a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect();
+        let far = apart.iter().filter(|apart| !(**apart <= by)).count();
         assert!(a.len() == b.len() && far * 100 <= a.len(), "{far} of {}", a.len());
+        let farthest = apart.iter().copied().fold(0.0, f32::max);
+        assert!(apart.iter().all(|apart| *apart <= at_most), "{farthest} apart, {at_most} may be");
     };
     let bytes = |picture: &Option<image::RgbImage>| -> Vec<f32> {
         picture.as_ref().unwrap().as_raw().iter().map(|v| f32::from(*v)).collect()
     };
-    close(&bytes(&found.picture), &bytes(&expected.picture), 1.0);
-    close(&found.depth.unwrap().data, &expected.depth.unwrap().data, 1e-3);
-    close(&found.scores[0].data, &expected.scores[0].data, 1e-3);
+    // Planes differ by up to 4/255 of their largest value (`WHOLE_CHAIN` in `render/tests`), which is below 1
+    // in those of colours; rounding adds a level. No two Gaussians are so near that their order could differ.
+    close(&bytes(&found.picture), &bytes(&expected.picture), 1.0, 5.0);
+    // Beside the least opacity that depth needs, a pixel may have depth on one of both alone.
+    let depths = [found.depth, expected.depth].map(|depth| depth.unwrap().data);
+    close(&depths[0], &depths[1], 1e-3, f32::INFINITY);
+    // Both terms of depth over opacity are off by up to 4/255 of 6.2 units, over an opacity of at least 0.5.
+    let both = depths[0].iter().zip(&depths[1]).filter(|(a, b)| **a > 0.0 && **b > 0.0);
+    assert!(both.clone().count() > 100 && both.clone().all(|(a, b)| (a - b).abs() <= 0.4));
+    // A feature of next to no length points anywhere, and its score may be anything.
+    close(&found.scores[0].data, &expected.scores[0].data, 1e-3, 1.0);
     let masks = [&found.scores[0], &expected.scores[0]].map(|scores| threshold(scores, 0.25));
     let areas = masks.each_ref().map(|mask| mask.count());
     assert!(areas[0].abs_diff(areas[1]) <= 5 && areas[1] > 50, "{areas:?}");
