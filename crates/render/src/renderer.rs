@@ -12,7 +12,7 @@ use surgtpgs_core::{
     Result,
     camera::Camera,
     grid::Mask,
-    raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Pick, Renderer},
+    raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
     scene::Scene,
 };
 
@@ -196,12 +196,6 @@ impl GpuRenderer {
     /// Location of the number of pairs wanted. If it exceeds the capacity, the frame is wrong.
     fn num_pairs_wanted(&self) -> Part {
         (self.planes.bin.num_pairs_wanted().buffer().clone(), size_of::<u32>() as u64)
-    }
-
-    /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing
-    /// contributes.
-    pub fn pick(&mut self, pixel: [usize; 2]) -> Result<Option<Pick>> {
-        self.gpu.guarded(|| self.planes.pick(pixel))
     }
 
     /// Switches on the timing of every pass of [`GpuRenderer::show`]; returns `false` if the adapter

@@ -63,7 +63,7 @@ use surgtpgs_core::{
     mask::threshold,
     meaning::EncoderIdentity,
     num::sigmoid,
-    raster::{FrameClock, FramePass, Images, Pick, Renderer},
+    raster::{FrameClock, FramePass, Images, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
@@ -346,14 +346,6 @@ impl Engine {
             depth: wanted.depth.then(|| images.normalised_depth()),
             scores: if is_scored { self.scores(&images, view)? } else { Vec::new() },
         })
-    }
-
-    /// Returns the Gaussian that adds most to a pixel of the view rendered or shown last.
-    pub fn pick(&mut self, pixel: [usize; 2]) -> Result<Option<Pick>> {
-        match &mut self.machine {
-            Machine::Cpu(cpu) => Ok(cpu.pick(pixel)),
-            Machine::Gpu(gpu) => gpu.pick(pixel),
-        }
     }
 
     /// Does `work`. If the graphics device is lost meanwhile, opens a machine anew and does `work` once more.

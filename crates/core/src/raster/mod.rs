@@ -4,7 +4,6 @@ pub mod backward;
 pub mod bin;
 pub mod forward;
 mod images;
-mod pick;
 pub mod project;
 pub mod reference;
 mod renderer;
@@ -16,7 +15,6 @@ pub use crate::raster_limits::{
     TILE, jacobian_guard,
 };
 pub use images::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE, Images};
-pub use pick::{Pick, pick};
 pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};
 pub use tile::Packed;
 

@@ -4,7 +4,6 @@ use super::{
     Images, Packed,
     bin::{Bins, bin},
     forward::raster_into,
-    pick::{Pick, pick},
     project::{Sampling, Splat, project_into},
 };
 use crate::{
@@ -110,15 +109,6 @@ impl CpuRenderer {
         self.bins = bin(&self.splats, camera.width as usize, camera.height as usize);
         self.seen_by = Some(*camera);
         clock.lap(FramePass::Bin);
-    }
-}
-
-impl CpuRenderer {
-    /// Returns the Gaussian at a pixel of the last rendered frame.
-    pub fn pick(&self, pixel: [usize; 2]) -> Option<Pick> {
-        let camera = self.seen_by?;
-        let is_inside = pixel[0] < camera.width as usize && pixel[1] < camera.height as usize;
-        if is_inside { pick(&self.splats, &self.bins, pixel) } else { None }
     }
 }
 

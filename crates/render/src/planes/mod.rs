@@ -2,12 +2,10 @@
 //!
 //! ```text
 //! scene_buffers ─▶ deform (time t) ─▶ project (camera) ─▶ bin (scan, sort) ─▶ raster ─▶ image planes
-//!                                                               └────────────▶ pick ─▶ Gaussian at a pixel
 //! ```
 
 mod bin;
 mod deform;
-mod pick;
 mod project;
 mod raster;
 mod scan;
@@ -29,13 +27,12 @@ use crate::{
     shader::Shader,
     timer::Timer,
 };
-use pick::PickPass;
 use surgtpgs_core::{
     Result,
     camera::Camera,
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
-    raster::{FrameClock, FramePass, Images, Pick, bin::Bins, project::Splat},
+    raster::{FrameClock, FramePass, Images, bin::Bins, project::Splat},
     scene::Scene,
 };
 
@@ -43,7 +40,6 @@ use surgtpgs_core::{
 pub(crate) const SHADERS: &[Shader] = &[
     bin::Wgsl::SHADER,
     deform::Wgsl::SHADER,
-    pick::Wgsl::SHADER,
     project::Wgsl::SHADER,
     raster::Wgsl::SHADER,
     scan::Wgsl::SHADER,
@@ -79,7 +75,6 @@ pub struct PlanePasses {
     project: ProjectPass,
     pub(crate) bin: BinPass,
     pub(crate) raster: RasterPass,
-    pick: PickPass,
     /// Time and latent dimension of the deformed Gaussians on the device.
     deformed_at: Option<(f32, usize)>,
     /// View, time and latent dimension of the splats, bins and image planes on the device.
@@ -96,7 +91,6 @@ impl PlanePasses {
                 project: ProjectPass::new(gpu)?,
                 bin: BinPass::new(gpu)?,
                 raster: RasterPass::new(gpu),
-                pick: PickPass::new(gpu)?,
                 deformed_at: None,
                 drawn: None,
             })
@@ -153,20 +147,6 @@ impl PlanePasses {
         self.deformed_at = Some((time, latent_dim));
         self.drawn = Some((view, time, latent_dim));
         Ok(())
-    }
-
-    /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing
-    /// contributes.
-    pub(crate) fn pick(&mut self, [x, y]: [usize; 2]) -> Result<Option<Pick>> {
-        let Some((view, ..)) = &self.drawn else { return Ok(None) };
-        if x >= view.size[0] as usize || y >= view.size[1] as usize {
-            return Ok(None);
-        }
-        let gpu = &self.gpu;
-        self.pick.prepare(gpu, [x as u32, y as u32])?;
-        let view = uniform(gpu, view);
-        run(gpu, |pass| self.pick.encode(gpu, pass, &view, &self.raster_input()));
-        self.pick.read(gpu)
     }
 
     fn raster_input(&self) -> RasterInput<'_> {

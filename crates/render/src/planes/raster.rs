@@ -35,7 +35,7 @@ pub(crate) struct RasterPass {
     pub planes: DeviceVec<f32>,
 }
 
-/// Input of raster and pick.
+/// Input of the pass.
 pub(crate) struct RasterInput<'a> {
     pub splats: &'a DeviceVec<SplatRow>,
     pub features: &'a DeviceVec<f32>,
