@@ -5,6 +5,9 @@
 #   bash tests/gpu.sh [--short] [FOLDER]    writes FOLDER/gpu.md (target/gpu without one)
 #   bash tests/gpu.sh --pack FOLDER         copies the programs into FOLDER for another machine, small
 #
+# A folder for pages is new, empty, or holds an earlier page with its files, which are replaced, and nothing
+# else. Packed programs are not replaced.
+#
 # Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, as they
 # were built or packed, or the newest that lie in the target folder (cargo build --release; cargo test
 # --release --no-run --test passes --package surgtpgs-render). They are read and run, and stay as they are.
@@ -65,6 +68,28 @@ if [[ $pack && ( -z $folder || $short ) ]]; then wrong "--pack takes a folder, a
 folder=${folder:-$target/gpu}
 if [[ -e $folder && ! -d $folder ]]; then wrong "this is a file, not a folder: $folder"; fi
 
+# Prints the name of something in a folder that no earlier run left there; nothing if a page may be written.
+foreign_in() (
+  shopt -s nullglob dotglob
+  entries=("$1"/*)
+  for entry in ${entries[@]+"${entries[@]}"}; do
+    case ${entry##*/} in
+      gpu.md | gpu.json | comparisons.txt | measured.txt)
+        if [[ -f $entry && ! -L $entry ]]; then continue; fi
+        ;;
+    esac
+    printf '%q' "${entry##*/}"
+    exit
+  done
+  if ((${#entries[@]})) && ! grep -qs '^Made by `bash tests/gpu.sh' "$1/gpu.md"; then
+    printf '%q' "${entries[0]##*/}"
+  fi
+)
+if [[ -z $pack ]]; then
+  foreign=$(foreign_in "$folder")
+  if [[ $foreign ]]; then wrong "choose a new folder: no earlier run made $foreign in $folder"; fi
+fi
+
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 
@@ -117,6 +142,9 @@ if [[ $pack ]]; then
   mkdir "$packed"
   end=gz
   if command -v xz > /dev/null; then end=xz; fi
+  for file in "$folder"/{surgtpgs,passes}."$end"; do
+    if [[ -e $file || -L $file ]]; then wrong "choose another folder: this is there already: $file"; fi
+  done
   for file in "$program:surgtpgs" "$passes:passes"; do
     to=$packed/${file##*:}
     strip --strip-all -o "$to" "${file%:*}" || missing "program in ${file%:*}" "its symbols cannot be taken away"
@@ -130,12 +158,14 @@ if [[ $pack ]]; then
 fi
 
 make_folder
-page=$folder/gpu.md
 started=$SECONDS
-: > "$folder/problems"
-: > "$folder/findings"
-problem() { printf -- '- %s\n' "$*" >> "$folder/problems"; say "problem: $*"; }
-finding() { printf '| %s | %s |\n' "$1" "$2" >> "$folder/findings"; }
+# What goes into the folder at the end.
+results=$scratch/results
+mkdir "$results"
+: > "$scratch/problems"
+: > "$scratch/findings"
+problem() { printf -- '- %s\n' "$*" >> "$scratch/problems"; say "problem: $*"; }
+finding() { printf '| %s | %s |\n' "$1" "$2" >> "$scratch/findings"; }
 
 # Drivers. What is found, and what is missing, is said; what can be set right is set right.
 
@@ -181,9 +211,9 @@ elif [[ $devices == *nvidia* ]] && ! names_nvidia ${manifests[@]+"${manifests[@]
   elif [[ -n $nvidia_library ]]; then
     # A container has the library often, and the file that names it seldom.
     printf '{"file_format_version":"1.0.1","ICD":{"library_path":"%s","api_version":"1.3.0"}}\n' \
-      "$nvidia_library" > "$folder/nvidia_icd.json"
-    export VK_DRIVER_FILES=$folder/nvidia_icd.json
-    drivers="$VK_DRIVER_FILES (made here for $nvidia_library)"
+      "$nvidia_library" > "$scratch/nvidia_icd.json"
+    export VK_DRIVER_FILES=$scratch/nvidia_icd.json
+    drivers="$VK_DRIVER_FILES (made for this run, for $nvidia_library)"
   else
     problem "there is an NVIDIA device and no Vulkan driver for it: start the container with" \
       "NVIDIA_DRIVER_CAPABILITIES=all (or graphics), or install the driver's libGLX_nvidia.so.0"
@@ -230,9 +260,9 @@ if [[ -x $passes ]]; then
   code=0
   # They look for the shaders from the folder of their crate.
   (cd "$root/crates/render" && CI=true RUST_BACKTRACE=0 timeout --kill-after=5 "$tests_limit" \
-    "$passes" ${filter[@]+"${filter[@]}"}) > "$folder/comparisons.txt" 2>&1 || code=$?
-  ok=$(grep -c '^test .* \.\.\. ok$' "$folder/comparisons.txt" || true)
-  failed=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/\1/p' "$folder/comparisons.txt")
+    "$passes" ${filter[@]+"${filter[@]}"}) > "$results/comparisons.txt" 2>&1 || code=$?
+  ok=$(grep -c '^test .* \.\.\. ok$' "$results/comparisons.txt" || true)
+  failed=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/\1/p' "$results/comparisons.txt")
   comparisons="$ok agree, $(grep -c . <<< "$failed" || true) differ, in $((SECONDS - tests_started)) s"
   if ((code == 124 || code == 137)); then
     comparisons+="; they were ended before they were all done"
@@ -245,7 +275,7 @@ if [[ -x $passes ]]; then
           $0 == head { is_here = 1; next }
           /^---- / || /^failures:/ || /^stack backtrace:/ { is_here = 0 }
           is_here && !/^$|^adapter:|^note:|panicked at|^error: XDG/ { text = text " " $0 }
-          END { print substr(text, 2, 300) }' "$folder/comparisons.txt")
+          END { print substr(text, 2, 300) }' "$results/comparisons.txt")
         if [[ $reason == *"needs a graphics adapter"* ]]; then
           without=$((without + 1))
         else
@@ -254,7 +284,7 @@ if [[ -x $passes ]]; then
       fi
     done <<< "$failed"
     if ((without)); then problem "$without comparisons found no adapter"; fi
-    if [[ -z $failed ]]; then problem "the comparisons ended with code $code: $(tail -n 1 "$folder/comparisons.txt")"; fi
+    if [[ -z $failed ]]; then problem "the comparisons ended with code $code: $(tail -n 1 "$results/comparisons.txt")"; fi
   fi
 else
   problem "nothing was compared: there is no test program (SURGTPGS_PASSES)"
@@ -262,8 +292,7 @@ fi
 
 # Measurements.
 
-arguments=(--seconds "$bench_limit" -o "$folder/measured")
-rm -rf "$folder/measured"
+arguments=(--seconds "$bench_limit" -o "$scratch/measured")
 if [[ $short ]]; then
   arguments+=(--short)
 else
@@ -278,41 +307,42 @@ say "measuring ..."
 code=0
 {
   timeout --kill-after=5 $((bench_limit + 25)) "$program" bench gpu "${arguments[@]}" 2>&1 >&3 |
-    tee "$folder/measured.txt" >&2
-} 3> "$folder/measured.md" || code=$?
+    tee "$results/measured.txt" >&2
+} 3> "$scratch/measured.md" || code=$?
 if ((code != 0)); then
-  reasons=$(sed -n -e 's/^failed: //p' -e 's/^error: //p' "$folder/measured.txt")
+  reasons=$(sed -n -e 's/^failed: //p' -e 's/^error: //p' "$results/measured.txt")
   if ((code == 124 || code == 137)); then reasons="the measurements took more than $((bench_limit + 25)) s"; fi
   while read -r reason; do problem "${reason}"; done <<< "${reasons:-the measurements ended with code $code}"
   # What was measured before the program ended lies in its unfinished folder.
-  if [[ ! -s $folder/measured.md && -f $folder/measured/gpu.md ]]; then
-    cp "$folder/measured/gpu.md" "$folder/measured.md"
+  if [[ ! -s $scratch/measured.md && -f $scratch/measured/gpu.md ]]; then
+    cp "$scratch/measured/gpu.md" "$scratch/measured.md"
   fi
 fi
+if [[ -f $scratch/measured/gpu.json ]]; then cp "$scratch/measured/gpu.json" "$results"; fi
 
 # The page.
 
 {
   printf '# GPU\n\n'
-  if [[ -s $folder/problems ]]; then
-    printf '**Failed: %s**\n\n' "$(grep -c . "$folder/problems")"
-    cat "$folder/problems"
+  if [[ -s $scratch/problems ]]; then
+    printf '**Failed: %s**\n\n' "$(grep -c . "$scratch/problems")"
+    cat "$scratch/problems"
   else
     printf 'Nothing failed.\n'
   fi
   printf '\nMade by `bash tests/gpu.sh%s` in %s s. Comparisons with the CPU: %s.\n\n' \
     "${short:+ --short}" "$((SECONDS - started))" "$comparisons"
   printf '| machine | found |\n|---|---|\n'
-  cat "$folder/findings"
+  cat "$scratch/findings"
   printf '\n'
-  cat "$folder/measured.md"
-} > "$page"
-cat "$page"
-rm -f "$folder/findings" "$folder/measured.md"
-if [[ ! -s $folder/problems ]]; then
-  rm -f "$folder/problems"
-elif ((code == 3)) && ! grep -q '^failed: ' "$folder/measured.txt"; then
-  exit 3
-else
-  exit 1
-fi
+  cat "$scratch/measured.md"
+} > "$results/gpu.md"
+cat "$results/gpu.md"
+# The page comes first, because it tells whose the others are. Those of an earlier run that this one lacks go.
+cp "$results/gpu.md" "$folder"
+for name in gpu.json comparisons.txt measured.txt; do
+  if [[ -f $results/$name ]]; then cp "$results/$name" "$folder"; else rm -f "$folder/$name"; fi
+done
+if [[ ! -s $scratch/problems ]]; then exit 0; fi
+if ((code == 3)) && ! grep -q '^failed: ' "$results/measured.txt"; then exit 3; fi
+exit 1

@@ -76,6 +76,20 @@ fn a_wrong_command_line_of_the_script_makes_nothing() {
 }
 
 #[test]
+fn a_folder_that_holds_something_else_stays_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, file) in [("notes", "problems"), ("page", "gpu.md"), ("hidden", ".keep")] {
+        let place = folder.path().join(name);
+        fs::create_dir(&place).unwrap();
+        fs::write(place.join(file), "mine").unwrap();
+        let before = listing(&place);
+        let run = script(folder.path(), "no-program", &["--short", name]);
+        assert!(run.refused(2).contains(file), "{}", run.stderr);
+        assert_eq!(listing(&place), before);
+    }
+}
+
+#[test]
 #[cfg(unix)]
 fn what_is_no_program_is_refused_and_stays_as_it_was() {
     use std::os::unix::fs::PermissionsExt;
@@ -116,6 +130,10 @@ fn packed_programs_are_copies() {
     // What was packed can be packed again.
     let again = packed.iter().find(|path| path.contains("surgtpgs.")).unwrap();
     script(folder.path(), again, &["--pack", "again"]).ok();
+    let before = listing(&folder.path().join("again"));
+    let refused = script(folder.path(), "program", &["--pack", "again"]);
+    assert!(refused.refused(2).contains("is there already"), "{}", refused.stderr);
+    assert_eq!(listing(&folder.path().join("again")), before);
 }
 
 #[test]
@@ -141,7 +159,7 @@ fn one_command_judges_the_adapter_on_one_page() {
     // Three sizes with two choices of pixels, and 1 and 8 prompts in six ways each.
     assert_eq!(page.matches(" Gaussians | all | ").count(), 3, "{page}");
     assert_eq!(page.matches("| Gaussians to the scores |").count(), 2, "{page}");
-    let report = fs::read_to_string(folder.path().join("measured/gpu.json")).unwrap();
+    let report = fs::read_to_string(folder.path().join("gpu.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert!(report["bandwidth"].as_f64().unwrap() > 1e8, "{report}");
     let trainings = report["trainings"].as_array().unwrap();
@@ -161,12 +179,16 @@ fn one_command_judges_the_adapter_on_one_page() {
 #[cfg(target_os = "linux")]
 fn without_an_adapter_the_page_says_what_was_looked_for() {
     let folder = tempfile::tempdir().unwrap();
-    let (run, page) = judge(folder.path(), |command| {
-        command.env("VK_DRIVER_FILES", "/nowhere/driver.json").env("CI", "true");
-    });
-    assert_eq!(run.code, 3, "{page}\n{}", run.stderr);
-    for part in ["Vulkan loader", "/nowhere/driver.json (as VK_DRIVER_FILES says)", "no graphics adapter"] {
-        assert!(page.contains(part), "{part} is missing: {page}\n{}", run.stderr);
+    // The second time, the page of the first is replaced.
+    for _ in 0..2 {
+        let (run, page) = judge(folder.path(), |command| {
+            command.env("VK_DRIVER_FILES", "/nowhere/driver.json").env("CI", "true");
+        });
+        assert_eq!(run.code, 3, "{page}\n{}", run.stderr);
+        for part in ["Vulkan loader", "/nowhere/driver.json (as VK_DRIVER_FILES says)", "no graphics adapter"]
+        {
+            assert!(page.contains(part), "{part} is missing: {page}\n{}", run.stderr);
+        }
+        assert!(!page.contains("Nothing failed"), "{page}");
     }
-    assert!(!page.contains("Nothing failed"), "{page}");
 }
