@@ -3,7 +3,12 @@
 use crate::viewer::state::{content::Content, document::Document};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
-use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook};
+use surgtpgs_core::{
+    grid::Grid,
+    marks::{Mark, Shape},
+    mask::CleanUp,
+    overlay::OverlayLook,
+};
 
 fn document(prompts: &[&str]) -> Document {
     let mut document = Document::new(OverlayLook::default(), 0.4);
@@ -130,6 +135,21 @@ fn what_belongs_to_frames_is_not_taken_to_another_recording() {
     assert_eq!((document.selected, document.undo_name()), (None, None));
 }
 
+/// Makes a mark of one of all kinds, on one of a few frames; `number` chooses which. Two of the names are
+/// one, and one is also given to prompts by [`apply`].
+fn mark(number: usize) -> Mark {
+    let (x, y) = ((number % 9) as f32, (number % 6) as f32);
+    let shape = match number % 5 {
+        0 => Shape::Click { point_px: [x, y], radius_px: 2.0 },
+        1 => Shape::Stroke { points_px: vec![[x, y], [x + 3.0, y]], radius_px: 1.5 },
+        2 => Shape::Polygon { points_px: vec![[x, y], [x + 4.0, y], [x, y + 5.0]] },
+        3 => Shape::Box { corners_px: [[x, y], [x + 2.0, y + 2.0]] },
+        _ => Shape::from(&Grid::from_vec(2, 1, vec![true, number.is_multiple_of(2)])),
+    };
+    let name = ["liver", "cystic duct", "Cysticduct", "vein", "other words 3"][number / 5 % 5];
+    Mark::new(number % 7, name, !number.is_multiple_of(3), shape)
+}
+
 /// Applies one of the edits that a user can make; `number` chooses its target.
 fn apply(document: &mut Document, (what, number): (u8, usize)) {
     let id = document.prompts().get(number % document.prompts().len().max(1)).map_or(0, |p| p.id);
@@ -149,6 +169,12 @@ fn apply(document: &mut Document, (what, number): (u8, usize)) {
         11 => document.set_range((!number.is_multiple_of(3)).then_some((number % 10, 10 + number % 10))),
         12 => document.look.orbit = document.look.orbit.dragged([number as f32, 5.0], 15.0),
         13 => document.reset_look(),
+        14 => document.add_mark(mark(number)),
+        15 => {
+            let marks = [number, number + 7, number + 11].map(mark);
+            document.add_marks(|count| format!("opening {count} marks"), marks.to_vec());
+        }
+        16 => document.clear_marks(number % 7),
         _ => document.end_gesture(),
     }
 }
@@ -156,7 +182,7 @@ fn apply(document: &mut Document, (what, number): (u8, usize)) {
 proptest! {
     #[test]
     fn undo_is_the_inverse_of_every_edit_and_redo_of_undo(
-        steps in proptest::collection::vec((0_u8..15, 0_usize..100), 1..60)
+        steps in proptest::collection::vec((0_u8..18, 0_usize..100), 1..60)
     ) {
         let mut document = document(&[]);
         for step in steps {
@@ -173,6 +199,8 @@ proptest! {
                 prop_assert_eq!(&(document.content().clone(), document.look), &after);
             }
             prop_assert!(before.0 == after.0 || document.revision() > revision, "a change that nobody would save");
+            let has_prompt = |name: &str| document.prompts().iter().any(|p| p.is_marked_as(name));
+            prop_assert!(document.marks().names().into_iter().all(has_prompt), "a mark without its prompt");
         }
         let end = document.content().clone();
         let mut steps = 0;
