@@ -79,7 +79,7 @@ pub(crate) struct Content {
     /// First and last frame of each range that is left out of everything, in order.
     pub(crate) excluded: Vec<(usize, usize)>,
     /// Marks by hand.
-    #[serde(skip_serializing_if = "MarkList::is_empty")]
+    #[serde(skip_serializing_if = "MarkList::holds_nothing")]
     pub(crate) marks: MarkList,
     /// Fields that a newer program wrote.
     #[serde(flatten)]

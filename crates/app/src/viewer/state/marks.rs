@@ -7,7 +7,9 @@ use crate::viewer::{
         content::{Prompt, is_same_name},
         document::Document,
     },
+    text::{counted, thousands},
 };
+use serde::Deserialize;
 use serde_json::Value;
 use std::{
     collections::{BTreeSet, HashMap},
@@ -20,78 +22,160 @@ use surgtpgs_core::{
 
 /// Marks in the order in which they were made; copies share them.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
-#[serde(from = "Vec<Value>", into = "Vec<Mark>")]
-pub(crate) struct MarkList(Arc<Vec<Mark>>);
+#[serde(from = "Vec<Value>", into = "Vec<Written>")]
+pub(crate) struct MarkList {
+    marks: Arc<Vec<Mark>>,
+    set_aside: Arc<SetAside>,
+}
 
+/// Marks of a session that are not used. They are saved with the others.
+#[derive(Debug, Default)]
+struct SetAside {
+    /// Marks on frames or places that the recording does not have.
+    misfits: Vec<Mark>,
+    /// Values that cannot be read as marks, and why.
+    unread: Vec<(Value, String)>,
+}
+
+/// A mark as a session holds it.
+#[derive(serde::Serialize)]
+#[serde(untagged)]
+enum Written {
+    Read(Mark),
+    Unread(Value),
+}
+
+/// Largest number of letters of a name that is told.
+const MOST_TOLD: usize = 40;
+
+/// Compares all marks, so that it is the same session before and after some are set aside.
 impl PartialEq for MarkList {
     fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
+        let is_shared =
+            Arc::ptr_eq(&self.marks, &other.marks) && Arc::ptr_eq(&self.set_aside, &other.set_aside);
+        let is_alike = || self.set_aside.unread == other.set_aside.unread && self.read().eq(other.read());
+        is_shared || is_alike()
     }
 }
 
-/// Reads marks from a session. Those that cannot be read are left out, because files may hold any values.
+/// Reads marks from a session. Those that cannot be read are set aside, because files may hold any values.
 impl From<Vec<Value>> for MarkList {
     fn from(values: Vec<Value>) -> Self {
-        Self::of(values.into_iter().filter_map(|value| serde_json::from_value(value).ok()).collect())
+        let (mut marks, mut unread) = (Vec::new(), Vec::new());
+        for value in values {
+            match Mark::deserialize(&value) {
+                Ok(mark) => marks.push(mark),
+                Err(e) => unread.push((value, e.to_string())),
+            }
+        }
+        let set_aside = Arc::new(SetAside { misfits: Vec::new(), unread });
+        Self { set_aside, ..Self::of(marks) }
     }
 }
 
-impl From<MarkList> for Vec<Mark> {
+impl From<MarkList> for Vec<Written> {
     fn from(list: MarkList) -> Self {
-        list.0.to_vec()
+        let unread = list.set_aside.unread.iter().map(|(value, _)| Written::Unread(value.clone()));
+        list.read().cloned().map(Written::Read).chain(unread).collect()
     }
 }
 
 impl MarkList {
     pub(crate) fn of(marks: Vec<Mark>) -> Self {
-        Self(Arc::new(marks))
+        Self { marks: Arc::new(marks), set_aside: Arc::default() }
+    }
+
+    /// Returns other marks, with the same ones set aside.
+    fn replaced_by(&self, marks: Vec<Mark>) -> Self {
+        Self { set_aside: Arc::clone(&self.set_aside), ..Self::of(marks) }
+    }
+
+    /// Returns all marks that could be read, also those that are not used.
+    fn read(&self) -> impl Iterator<Item = &Mark> {
+        self.marks.iter().chain(&self.set_aside.misfits)
+    }
+
+    /// Returns the same marks with those set aside that cannot be on `canvas`.
+    pub(crate) fn fitting(&self, canvas: &Canvas) -> Self {
+        let (marks, misfits): (Vec<Mark>, Vec<Mark>) =
+            self.read().cloned().partition(|mark| mark.fits(canvas));
+        if misfits == self.set_aside.misfits {
+            return self.clone();
+        }
+        let unread = self.set_aside.unread.clone();
+        Self { set_aside: Arc::new(SetAside { misfits, unread }), ..Self::of(marks) }
+    }
+
+    /// Says which marks of a session are not used, and why; `None` if all are.
+    pub(crate) fn left_out(&self) -> Option<String> {
+        let SetAside { misfits, unread } = &*self.set_aside;
+        let first = |count: usize| if count > 1 { "the first: " } else { "" };
+        let unread_part = unread.first().map(|(_, why)| {
+            format!("{} cannot be read ({}{why})", thousands(unread.len()), first(unread.len()))
+        });
+        let misfit_part = misfits.first().map(|mark| {
+            let count = counted(misfits.len(), "does not fit", "do not fit");
+            let name: String = mark.name.chars().take(MOST_TOLD).collect();
+            let on = mark.frame.saturating_add(1);
+            format!("{count} the recording ({}\"{name}\" on frame {on})", first(misfits.len()))
+        });
+        let parts: Vec<String> = unread_part.into_iter().chain(misfit_part).collect();
+        let all = parts.join(", ");
+        (!parts.is_empty()).then(|| {
+            format!("Marks of this session that are left out: {all}. The session keeps them as they are.")
+        })
+    }
+
+    /// Returns `true` if there is nothing to save: no marks, and none that are not used.
+    pub(crate) fn holds_nothing(&self) -> bool {
+        self.set_aside.unread.is_empty() && self.read().next().is_none()
     }
 
     pub(crate) fn all(&self) -> &[Mark] {
-        &self.0
+        &self.marks
     }
 
     pub(crate) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.marks.is_empty()
     }
 
     /// Returns these marks and more.
     pub(crate) fn with(&self, more: impl IntoIterator<Item = Mark>) -> Self {
-        Self::of(self.0.iter().cloned().chain(more).collect())
+        self.replaced_by(self.marks.iter().cloned().chain(more).collect())
     }
 
     /// Returns the marks that are to stay; the same list if all are.
     pub(crate) fn kept(&self, stays: impl Fn(&Mark) -> bool) -> Self {
-        if self.0.iter().all(&stays) {
+        if self.marks.iter().all(&stays) {
             return self.clone();
         }
-        Self::of(self.0.iter().filter(|mark| stays(mark)).cloned().collect())
+        self.replaced_by(self.marks.iter().filter(|mark| stays(mark)).cloned().collect())
     }
 
     /// Returns these marks, those of one name with another one; the same list if there are none.
     pub(crate) fn renamed(&self, name: &str, new: &str) -> Self {
-        if new.is_empty() || !self.0.iter().any(|mark| is_same_name(&mark.name, name)) {
+        if new.is_empty() || !self.marks.iter().any(|mark| is_same_name(&mark.name, name)) {
             return self.clone();
         }
         let renamed = |mark: &Mark| match is_same_name(&mark.name, name) {
             true => Mark { name: new.to_owned(), ..mark.clone() },
             false => mark.clone(),
         };
-        Self::of(self.0.iter().map(renamed).collect())
+        self.replaced_by(self.marks.iter().map(renamed).collect())
     }
 
     /// Returns the names, sorted, each once.
     pub(crate) fn names(&self) -> BTreeSet<&str> {
-        self.0.iter().map(|mark| mark.name.as_str()).collect()
+        self.marks.iter().map(|mark| mark.name.as_str()).collect()
     }
 
     /// Returns the marked frames.
     pub(crate) fn frames(&self) -> BTreeSet<usize> {
-        self.0.iter().map(|mark| mark.frame).collect()
+        self.marks.iter().map(|mark| mark.frame).collect()
     }
 
     pub(crate) fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
-        self.0.iter().filter(move |mark| mark.frame == frame)
+        self.marks.iter().filter(move |mark| mark.frame == frame)
     }
 }
 
@@ -282,13 +366,31 @@ mod tests {
     }
 
     #[test]
-    fn marks_come_back_from_a_session_without_what_cannot_be_read() {
-        let list = MarkList::of(vec![click(0, "fat", true), click(1, "liver", false)]);
+    fn what_cannot_be_read_or_does_not_fit_is_told_and_saved_as_it_was() {
+        let list = MarkList::of(vec![click(0, "fat", true), click(30, "liver", false)]);
         let mut told = serde_json::to_value(&list).unwrap();
-        assert_eq!(serde_json::from_value::<MarkList>(told.clone()).unwrap(), list);
+        let read = |told: &Value| MarkList::deserialize(told).unwrap();
+        assert_eq!((read(&told), read(&told).left_out()), (list, None));
+        let odd = serde_json::json!({"frame": 3, "name": "fat", "kind": "spray", "drops": [1, 2]});
         let entries = told.as_array_mut().unwrap();
-        entries[0]["kind"] = "spray".into();
-        entries.push(Value::from(7));
-        assert_eq!(serde_json::from_value::<MarkList>(told).unwrap().all(), &list.all()[1..]);
+        entries.insert(0, odd.clone());
+        entries.insert(1, Value::from(7));
+        let canvas = Canvas { width: 32, height: 24, frame_names: Vec::new(), num_frames: 9 };
+        let list = read(&told);
+        let fitting = list.fitting(&canvas);
+        assert_eq!(fitting.names(), BTreeSet::from(["fat"]));
+        let left_out = fitting.left_out().unwrap();
+        assert!(left_out.contains("2 cannot be read (the first: it has a part \"drops\""), "{left_out}");
+        assert!(left_out.contains("1 does not fit the recording (\"liver\" on frame 31)"), "{left_out}");
+        assert!(fitting == list && fitting != read(&Value::Array(Vec::new())));
+        let edited = fitting.with([click(1, "vein", true)]).kept(|mark| mark.name != "fat");
+        let saved = serde_json::to_value(edited.renamed("vein", "cystic vein")).unwrap();
+        let entries = saved.as_array().unwrap();
+        let names: Vec<&str> = entries[..2].iter().filter_map(|entry| entry["name"].as_str()).collect();
+        assert_eq!(names, ["cystic vein", "liver"]);
+        assert_eq!(entries[2..], [odd, Value::from(7)]);
+        assert!(edited.kept(|_| false).is_empty() && !edited.kept(|_| false).holds_nothing());
+        let more = Canvas { num_frames: 31, ..canvas };
+        assert_eq!(read(&saved).fitting(&more).all().len(), 2, "it fits a longer recording");
     }
 }

@@ -318,25 +318,6 @@ fn marks_are_saved_opened_and_part_of_the_session() {
 }
 
 #[test]
-fn a_session_with_impossible_marks_brings_the_others() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("review.surgtpgs");
-    let mark = |frame: usize, x: f32| {
-        let shape = Shape::Click { point_px: [x, 1.0], radius_px: 1.0 };
-        Mark::new(frame, "fat", true, shape)
-    };
-    let mut session = Session::new("/data/clip.safetensors".into());
-    let list = [mark(2, 5.0), mark(2, 5000.0), mark(FRAMES, 5.0)];
-    session.content.marks = crate::viewer::state::marks::MarkList::of(list.to_vec());
-    session.save(&file).unwrap();
-    let mut window = Window::on(scene());
-    let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().shared.open_path(&file, &ctx);
-    window.until(|app| app.saving.saved.file.is_some());
-    assert_eq!(marks(&window), list[..1]);
-}
-
-#[test]
 fn the_prompt_that_was_selected_since_is_what_is_marked_next() {
     let mut window = Window::on(without_features());
     take_tool(&mut window, "liver");

@@ -5,7 +5,8 @@ use super::{
     sessions::{bookmarked, keeping_on, open},
     *,
 };
-use crate::viewer::state::session::Session;
+use crate::viewer::state::{marks::MarkList, session::Session};
+use serde_json::Value;
 use std::time::{Duration, SystemTime};
 use surgtpgs_core::marks::Shape;
 
@@ -222,4 +223,37 @@ fn work_that_is_asked_about_next_time_is_not_offered_before() {
         }
         assert_eq!(window.harness.state().shared.saving.autosave.left.len(), 1, "it is kept");
     }
+}
+
+#[test]
+fn marks_that_cannot_be_used_are_said_and_saved_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    let mark = |frame: usize, x: f32| {
+        let shape = Shape::Click { point_px: [x, 1.0], radius_px: 1.0 };
+        Mark::new(frame, "fat", true, shape)
+    };
+    let list = [mark(2, 5.0), mark(2, 5000.0), mark(FRAMES, 5.0)];
+    let mut session = Session::new("/data/clip.safetensors".into());
+    session.content.marks = MarkList::of(list.to_vec());
+    session.save(&file).unwrap();
+    let read = || serde_json::from_str::<Value>(&std::fs::read_to_string(&file).unwrap()).unwrap();
+    let mut told = read();
+    let odd = serde_json::json!({"frame": 3, "name": "fat", "kind": "spray"});
+    told["content"]["marks"].as_array_mut().unwrap().push(odd);
+    std::fs::write(&file, told.to_string()).unwrap();
+
+    let mut window = Window::on(scene());
+    open(&mut window, &file);
+    window.until_shown("Marks of this session that are left out: 1 cannot be read (kind must be");
+    assert!(window.shows("2 do not fit the recording (the first: \"fat\" on frame 3)"));
+    let app = &window.harness.state().shared;
+    assert_eq!(app.document.marks().all(), &list[..1]);
+    assert!(!app.is_unsaved(), "nothing of it was changed");
+    window.press(Key::M);
+    window.harness.state_mut().shared.write_session(&file, 0.0);
+    let app = &window.harness.state().shared;
+    assert!(app.document.bookmarks().len() == 1 && !app.is_unsaved());
+    assert!(!app.saving.saved.is_changed_elsewhere());
+    assert_eq!(read()["content"]["marks"], told["content"]["marks"], "no mark is lost");
 }

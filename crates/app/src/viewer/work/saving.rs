@@ -170,15 +170,7 @@ impl Shared {
             }
         };
         let Session { content, display, time, earlier_prompts, unknown, .. } = session;
-        let count = |content: &Content| content.marks.all().len() + content.bookmarks.len();
-        let count_before = count(&content);
-        let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
-        let canvas = canvas(&info);
-        let marks = content.marks.kept(|mark| mark.fits(&canvas));
-        self.document.load(Content { marks, ..content }, info.num_frames);
-        if is_of_other_frames {
-            self.problem = Some(other_frames(count(self.document.content()) < count_before));
-        }
+        self.load_content(content, &info, is_of_other_frames);
         if display.mode.is_possible(&info) {
             self.document.mode = display.mode;
         }
@@ -193,6 +185,27 @@ impl Shared {
         self.prompt_box.earlier = earlier_prompts;
         let (file, content) = saved.unzip();
         self.saving.saved = Saved { file, content: content.unwrap_or_default(), unknown };
+    }
+
+    /// Takes the content of a session as far as it fits what is open, and says what was left out. Marks that
+    /// are not used stay with the session, unless it is of other frames: then they stay in its file.
+    fn load_content(&mut self, content: Content, info: &Info, is_of_other_frames: bool) {
+        let count = |content: &Content| content.marks.all().len() + content.bookmarks.len();
+        let count_before = count(&content);
+        let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
+        let canvas = canvas(info);
+        let marks = match is_of_other_frames {
+            true => content.marks.kept(|mark| mark.fits(&canvas)),
+            false => content.marks.fitting(&canvas),
+        };
+        let left_out = marks.left_out();
+        self.document.load(Content { marks, ..content }, info.num_frames);
+        let lacks_some = count(self.document.content()) < count_before;
+        let other = is_of_other_frames.then(|| other_frames(lacks_some));
+        let said: Vec<String> = other.into_iter().chain(left_out).collect();
+        if !said.is_empty() {
+            self.problem = Some(said.join(" "));
+        }
     }
 
     /// Returns `true` if there are decisions that no session file has.
