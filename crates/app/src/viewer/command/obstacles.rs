@@ -158,8 +158,21 @@ pub(super) fn nowhere_to_look(shared: &Shared) -> Obstacle {
     if shared.areas().is_some_and(|areas| areas.knows_where_to_look(counts)) {
         return None;
     }
-    let unknown = Some("No frame is known yet where a mark would help");
-    no_reconstruction(shared).or(reconstructing(shared)).or(no_marks(shared)).or(unknown)
+    let not_yet = no_reconstruction(shared).or(reconstructing(shared)).or(no_marks(shared));
+    not_yet.or_else(|| uncounted(shared)).or_else(|| nothing_unsure(shared))
+}
+
+/// All frames that count were looked at, and none has a place where one more mark would help.
+fn nothing_unsure(shared: &Shared) -> Obstacle {
+    let info = shared.info()?;
+    let marked = shared.document.marks().frames();
+    let counts = |frame: &usize| !shared.document.is_excluded(*frame) && !info.is_unlearned(*frame);
+    let are_all_marked = (0..info.num_frames).filter(counts).all(|frame| marked.contains(&frame));
+    Some(if are_all_marked {
+        "Every frame is marked already"
+    } else {
+        "Nothing is unsure: all that is marked is a known class"
+    })
 }
 
 /// Returns `true` if the frame that is seen has a bookmark.

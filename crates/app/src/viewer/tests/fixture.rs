@@ -77,8 +77,10 @@ impl FrameSource for Fake {
     }
     fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
         let is_marked = self.marks.iter().any(|mark| mark.frame == frame);
+        let is_known = |mark: &Mark| self.info.has_features && self.info.example_prompts.contains(&mark.name);
+        let is_asked = !is_marked && !self.marks.iter().all(is_known);
         let doubt = if frame == 17 { 0.5 } else { 0.1 };
-        Ok((!is_marked).then_some(LookHere { frame, point_px: [8.0, 6.0], doubt }))
+        Ok(is_asked.then_some(LookHere { frame, point_px: [8.0, 6.0], doubt }))
     }
     fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
         let travel = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0) as f32 + view.frame as f32).collect();

@@ -1,7 +1,8 @@
 //! Tests that what cannot be done now says why.
 
-use super::*;
-use crate::viewer::command::COMMANDS;
+use super::{marking::without_features, *};
+use crate::viewer::command::{COMMANDS, Command};
+use surgtpgs_core::marks::Shape;
 
 const NOT_YET: &str = "Reconstruct the recording first";
 
@@ -92,6 +93,29 @@ fn a_grey_button_says_why_when_it_is_pointed_at() {
     let first = window.harness.get_by_label("First");
     assert!(first.accesskit_node().is_disabled());
     assert_eq!(first.accesskit_node().description().as_deref(), Some("It is found on no frame"));
+}
+
+/// Marks a point of some frames, and waits until everything is counted. Returns why one cannot look where a
+/// mark would help, before and after.
+fn counted(window: &mut Window, name: &str, frames: std::ops::Range<usize>) -> [Option<&'static str>; 2] {
+    let why = |window: &Window| window.harness.state().shared.obstacle(Command::LookHere);
+    let shape = Shape::Click { point_px: [5.0, 5.0], radius_px: 1.0 };
+    let marks = frames.map(|frame| Mark::new(frame, name, true, shape.clone())).collect();
+    window.harness.state_mut().shared.document.add_marks(|_| "marking".into(), marks);
+    let before = why(window);
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    [before, why(window)]
+}
+
+#[test]
+fn where_a_mark_would_help_is_not_counted_yet_or_nowhere() {
+    const COUNTING: Option<&str> = Some("The areas are still being counted");
+    let mut window = Window::on(scene());
+    let known = Some("Nothing is unsure: all that is marked is a known class");
+    assert_eq!(counted(&mut window, "liver", 0..1), [COUNTING, known]);
+    assert_eq!(counted(&mut window, "tool", 1..2)[1], None, "this is no class");
+    let mut window = Window::on(without_features());
+    assert_eq!(counted(&mut window, "tool", 0..FRAMES), [COUNTING, Some("Every frame is marked already")]);
 }
 
 #[test]
