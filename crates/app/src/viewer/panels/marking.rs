@@ -119,8 +119,8 @@ fn side_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let marking = &shared.viewport.marking;
     let mut adds = marking.adds;
     let this = "What you draw on belongs to the structure. Hold Shift to draw on what does not";
-    let not_this = "What you draw on does not belong to the structure; drawn over your own marks, it erases \
-                    them. Hold Shift to draw on what does";
+    let not_this = "What you draw on does not belong to the structure. It takes back one mark of the structure \
+                    below it: where several overlap, draw as often. Hold Shift to draw on what does";
     let options = [(true, "This", this.to_owned(), true), (false, "Not this", not_this.to_owned(), true)];
     choice(ui, &mut adds, &options);
     if adds != marking.adds {
