@@ -61,8 +61,11 @@ struct Outcome {
     paper_iou: Option<f64>,
     strict_iou: Option<f64>,
     false_find_rate: Option<f64>,
-    /// Seconds until the marks are on a marked frame, and per frame without marks.
-    marked_s: f64,
+    /// Seconds of the scene's graph, once before the first mark; `None` for ways that need none.
+    graph_s: Option<f64>,
+    /// Seconds until the marks are on a marked frame, with the graph at hand; `None` where that is not timed.
+    marked_s: Option<f64>,
+    /// Seconds per frame without marks.
     frame_s: f64,
     classes: BTreeMap<String, f64>,
 }
@@ -73,6 +76,10 @@ impl Measure for BenchMarksArgs {
         let inputs = Inputs::none().with_recording(&sequence).with("the scene", &self.scene);
         let files = Files::claim(self.output.as_ref(), &inputs, force)?;
         let bench = Bench::new(scene, sequence)?;
+        say(&format!(
+            "graph of the scene, once before the first mark: {}",
+            milliseconds(Some(bench.graph_s))
+        ));
         let n = bench.sequence.num_frames();
         let middle = self.frame.unwrap_or(n / 2).min(n - 1);
         let mut outcomes = Vec::new();
@@ -147,6 +154,8 @@ type Flow = fn(&Grid<f32>, &Grid<f32>) -> Grid<Vector>;
 struct Bench {
     scene: Scene,
     graph: Arc<Graph>,
+    /// Seconds that making it took.
+    graph_s: f64,
     sequence: Sequence,
     canvas: Canvas,
     classes: Vec<Class>,
@@ -168,7 +177,10 @@ impl Bench {
         }
         let (width, height, num_frames) = (sequence.width(), sequence.height(), sequence.num_frames());
         let canvas = Canvas { width, height, frame_names: Vec::new(), num_frames };
-        Ok(Self { graph: Arc::new(Graph::of(&scene)), scene, sequence, canvas, classes })
+        let started = Instant::now();
+        let graph = Arc::new(Graph::of(&scene));
+        let graph_s = started.elapsed().as_secs_f64();
+        Ok(Self { scene, graph, graph_s, sequence, canvas, classes })
     }
 
     /// Returns the pixels of each class on a frame.
@@ -206,13 +218,13 @@ impl Bench {
         if let Some(shown) = marks.frames().last() {
             self.scores(&mut carried, *shown)?;
         }
-        let marked_s = started.elapsed().as_secs_f64();
+        let marked_s = Some(started.elapsed().as_secs_f64());
         let found = |frame: usize| -> Result<Vec<Mask>> {
             let scores = self.scores(&mut carried, frame)?;
             Ok(self.classes.iter().map(|class| self.found(class, &carried, &scores)).collect())
         };
         let outcome = self.measured(way, &marks.frames(), found)?;
-        Ok(Outcome { marked_s, ..outcome })
+        Ok(Outcome { graph_s: Some(self.graph_s), marked_s, ..outcome })
     }
 
     /// Marks every class by itself, as if there were no other.
@@ -228,7 +240,7 @@ impl Bench {
             }
             Ok(masks)
         };
-        self.measured(way, &[frame], found)
+        Ok(Outcome { graph_s: Some(self.graph_s), ..self.measured(way, &[frame], found)? })
     }
 
     fn carried(&self, marks: &Marks, settings: CarrySettings) -> Carried {
@@ -275,7 +287,8 @@ impl Bench {
             paper_iou: paper.mean,
             strict_iou: measures.strict().mean,
             false_find_rate: measures.summary().all.absent.false_find_rate,
-            marked_s: 0.0,
+            graph_s: None,
+            marked_s: None,
             frame_s: seconds / f64::from(frames.max(1)),
             classes: paper.classes,
         })
@@ -387,18 +400,22 @@ fn seen_along(mask: &Mask, way: &Grid<Vector>) -> Mask {
 }
 
 fn text(value: Option<f64>) -> String {
-    value.map_or("-".into(), |v| format!("{v:.3}"))
+    value.map_or("–".into(), |v| format!("{v:.3}"))
+}
+
+fn milliseconds(seconds: Option<f64>) -> String {
+    seconds.map_or("–".into(), |s| format!("{:.0} ms", 1e3 * s))
 }
 
 fn line(outcome: &Outcome) -> String {
     format!(
-        "{}: IoU {}, strict {}, absent found {}; {:.0} ms, and {:.0} ms a frame",
+        "{}: IoU {}, strict {}, absent found {}; {} to the marked frame, {} a frame",
         outcome.way,
         text(outcome.paper_iou),
         text(outcome.strict_iou),
         text(outcome.false_find_rate),
-        1e3 * outcome.marked_s,
-        1e3 * outcome.frame_s
+        milliseconds(outcome.marked_s),
+        milliseconds(Some(outcome.frame_s))
     )
 }
 
@@ -410,7 +427,8 @@ struct Row<'a> {
     paper_iou: Option<f64>,
     strict_iou: Option<f64>,
     false_find_rate: Option<f64>,
-    marked_s: f64,
+    graph_s: Option<f64>,
+    marked_s: Option<f64>,
     frame_s: f64,
 }
 
@@ -422,8 +440,36 @@ impl<'a> From<&'a Outcome> for Row<'a> {
             paper_iou: o.paper_iou,
             strict_iou: o.strict_iou,
             false_find_rate: o.false_find_rate,
+            graph_s: o.graph_s,
             marked_s: o.marked_s,
             frame_s: o.frame_s,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_not_timed_has_no_time() {
+        let outcome = |graph_s, marked_s| Outcome {
+            way: "flow".into(),
+            frames: vec![3, 9],
+            paper_iou: Some(0.5),
+            strict_iou: None,
+            false_find_rate: None,
+            graph_s,
+            marked_s,
+            frame_s: 0.25,
+            classes: BTreeMap::new(),
+        };
+        let outcomes = [outcome(None, None), outcome(Some(0.5), Some(0.125))];
+        let table = tables::csv(&outcomes.iter().map(Row::from).collect::<Vec<_>>()).unwrap();
+        let expected = "way,frames,paper_iou,strict_iou,false_find_rate,graph_s,marked_s,frame_s\n\
+                        flow,3 9,0.5,,,,,0.25\nflow,3 9,0.5,,,0.5,0.125,0.25\n";
+        assert_eq!(String::from_utf8_lossy(&table), expected);
+        assert!(line(&outcomes[0]).ends_with("; – to the marked frame, 250 ms a frame"));
+        assert!(line(&outcomes[1]).ends_with("; 125 ms to the marked frame, 250 ms a frame"));
     }
 }
