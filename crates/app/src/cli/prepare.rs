@@ -40,7 +40,8 @@ pub(super) struct PrepareArgs {
     #[arg(long, value_name = "FILE")]
     labels_from: Option<PathBuf>,
     /// Take features from marks by hand: a file of marks on some frames, or of annotations as for
-    /// --labels-from. Training carries them to all frames, once the motion is learned
+    /// --labels-from. Training carries them to all frames, once the motion is learned. Marks that correct labels
+    /// or masks are for query, export and eval
     #[arg(long, value_name = "MARKS")]
     marks: Option<PathBuf>,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
