@@ -192,6 +192,31 @@ fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
 }
 
 #[test]
+#[cfg(unix)]
+fn a_training_of_which_what_was_kept_is_damaged_begins_anew_and_says_so() {
+    let batch = Batch::new("[[recording]]\npath = \"good\"\niterations = 1500\n");
+    let mut child = batch.start_until_training(1);
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let kept = batch.path().join("jobs/good/scene.unfinished");
+    let mut bytes = fs::read(&kept).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(&kept, bytes).unwrap();
+
+    let again = batch.run(&[]).ok();
+    let note = "scene.unfinished: what was kept of it is damaged, or of another version: it is begun anew";
+    assert_eq!(again.stderr.matches(note).count(), 1, "{}", again.stderr);
+    assert!(!kept.exists());
+    let whole =
+        ["train", "good", "-o", "whole", "--eval", "--backend", "cpu", "--iterations", "1500", "--json"];
+    let whole = run_in(batch.path(), &whole).ok().json();
+    let anew: Value = serde_json::from_str(&batch.read("good/steps/train.json")).unwrap();
+    for key in ["steps", "psnr_db", "gaussians"] {
+        assert_eq!(anew["report"][key], whole[key], "{key}");
+    }
+}
+
+#[test]
 fn what_is_wrong_or_not_ours_is_refused_before_anything_is_done() {
     let good = "[[recording]]\npath = \"good\"\niterations = 5\n";
     let batch = Batch::new(&format!("{good}prompt_words = [\"liver\"]\n"));
