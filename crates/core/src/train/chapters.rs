@@ -110,9 +110,8 @@ impl Plan {
         let chapters = &self.chapters[shot.clone()];
         let parts: Vec<Vec<usize>> =
             spread(chapters.len(), PARTS_FOR_LENS).map(|k| frames(&chapters[k])).collect();
-        let own = sequence.times();
-        let times = if self.times.is_empty() { &own } else { &self.times };
-        let zoom = poses::shared_zoom(sequence, &parts, times, observer)?.unwrap_or(1.0);
+        let times = times_of(sequence, &self.times);
+        let zoom = poses::shared_zoom(sequence, &parts, &times, observer)?.unwrap_or(1.0);
         Ok(Some(*self.zooms.entry(shot.start).or_insert(zoom)))
     }
 
@@ -141,6 +140,16 @@ impl Plan {
         let times = pace::frame_times(&differences, &frames, sequence.frame_seconds());
         Ok(Self { times, ..Self::default() })
     }
+}
+
+/// Time of frame `i`: the planned one, or that of the recording where none is planned, see [`Plan::times`].
+pub(super) fn time_of(sequence: &Sequence, planned: &[f32], i: usize) -> f32 {
+    planned.get(i).copied().unwrap_or_else(|| sequence.time(i))
+}
+
+/// Times of all frames, see [`time_of`].
+pub(super) fn times_of(sequence: &Sequence, planned: &[f32]) -> Vec<f32> {
+    (0..sequence.num_frames()).map(|i| time_of(sequence, planned, i)).collect()
 }
 
 /// Error of a recording all of whose frames are excluded.

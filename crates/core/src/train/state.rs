@@ -1,7 +1,7 @@
 //! Everything that training changes, and its initial values.
 
 use super::{
-    chapters::no_frames_left,
+    chapters::{no_frames_left, time_of, times_of},
     model::Model,
     poses::LearnedPoses,
     seeds,
@@ -97,7 +97,7 @@ impl TrainState {
 
     /// Time of frame `i`.
     pub(super) fn time(&self, sequence: &Sequence, i: usize) -> f32 {
-        self.times.get(i).copied().unwrap_or_else(|| sequence.time(i))
+        time_of(sequence, &self.times, i)
     }
 
     /// Returns the recording with the lens and the poses as they are now.
@@ -156,7 +156,7 @@ fn first_motion(
     let mut deformation =
         Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
     deformation.shape = settings.basis_shape;
-    let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
+    let time = |i: usize| time_of(sequence, times, i);
     if settings.chapter.is_some() {
         deformation.squeeze(time(window.start), time(window.end - 1));
     }
@@ -223,8 +223,8 @@ fn path(
     if let Some(verdict) = poses::too_long(sequence, frames.len()) {
         return Ok(ScopePath::judged(verdict));
     }
-    let own = sequence.times();
-    let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
+    let times = times_of(sequence, times);
+    let timeline = Timeline { frames: &frames, times: &times };
     if poses::are_wanted(sequence) {
         poses::estimate(sequence, timeline, DEFAULT_DEPTH, observer)
     } else if poses::can_triangulate(sequence) {
