@@ -3,7 +3,7 @@
 use super::{
     backend,
     material::Material,
-    train::{Trained, checkpoint_path, go_on, remove_file},
+    train::{Trained, Watched, checkpoint_path, go_on, remove_file},
 };
 use crate::{
     engine::BackendChoice,
@@ -37,22 +37,6 @@ pub struct Course<'a> {
     pub replaces: bool,
     /// Returns the frame whose chapter is to be trained next; `None` to go from the first to the last.
     pub look_at: Option<&'a dyn Fn() -> usize>,
-}
-
-/// Training as it is watched.
-pub struct Watched<'a> {
-    /// The trainer at work.
-    pub trainer: &'a mut Trainer,
-    /// The chapters that are done.
-    pub done: Option<&'a Scene>,
-}
-
-impl Watched<'_> {
-    /// Returns the scene as far as it is learned.
-    pub fn scene(&mut self) -> Result<Scene> {
-        let scene = self.trainer.scene()?.as_chapter();
-        if scene.chapters.is_empty() { Ok(scene) } else { Ok(Scene::joined(self.done.cloned(), scene)) }
-    }
 }
 
 /// Part of the name of a file that keeps a chapter, before its number.

@@ -14,8 +14,8 @@ mod train;
 mod vanishing_tests;
 
 pub use chapters::{
-    Course, DAMAGED, Stopped, Watched, begun_chapters, chapter_path, is_finished_chapter, is_whole_scene,
-    join, remove_chapters, settings_of_chapters, stopped_at,
+    Course, DAMAGED, Stopped, begun_chapters, chapter_path, is_finished_chapter, is_whole_scene, join,
+    remove_chapters, settings_of_chapters, stopped_at,
 };
 pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
@@ -23,4 +23,4 @@ pub use export::{ExportQuestion, ExportRequest, export, num_written};
 pub use material::Material;
 pub use prepare::{FeatureSource, PrepareOptions, faults_of_models, prepare, prepare_folder};
 pub use surgtpgs_core::progress::{Observer, Progress};
-pub use train::{TRAINING, Trained, checkpoint_path, go_on, remove_file, train, train_watched};
+pub use train::{TRAINING, Trained, Watched, checkpoint_path, go_on, remove_file, train, train_watched};

@@ -1,6 +1,6 @@
 //! Training, from a recording to a scene.
 
-use super::{backend, chapters::Watched, material::Material};
+use super::{backend, material::Material};
 use crate::{
     engine::BackendChoice,
     memory::{Work, require_for},
@@ -31,6 +31,22 @@ pub struct Trained {
     pub dropped: usize,
     /// Notes on the scope of each chapter, and on work that could not be kept.
     pub notes: Vec<String>,
+}
+
+/// Training as it is watched.
+pub struct Watched<'a> {
+    /// The trainer at work.
+    pub trainer: &'a mut Trainer,
+    /// The chapters that are done.
+    pub done: Option<&'a Scene>,
+}
+
+impl Watched<'_> {
+    /// Returns the scene as far as it is learned.
+    pub fn scene(&mut self) -> Result<Scene> {
+        let scene = self.trainer.scene()?.as_chapter();
+        if scene.chapters.is_empty() { Ok(scene) } else { Ok(Scene::joined(self.done.cloned(), scene)) }
+    }
 }
 
 /// Trains until all steps are done or the observer asks to stop.

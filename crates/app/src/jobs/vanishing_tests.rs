@@ -1,6 +1,6 @@
 //! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
-use super::{chapters::Watched, train::go_on};
+use super::train::{Watched, go_on};
 use std::{fs, ops::ControlFlow};
 use surgtpgs_core::{
     demo::{self, DemoSettings},
