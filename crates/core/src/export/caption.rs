@@ -2,7 +2,6 @@
 
 use super::{
     ExportPrompt,
-    frame::FrameContent,
     lettering::{line_px, width_px, wrap, write},
 };
 use crate::palette::Palette;
@@ -28,15 +27,6 @@ pub(super) fn prompt_words(prompt: &ExportPrompt) -> String {
         Some(asked) => format!("{} (asked: {asked})", prompt.text),
         None => prompt.text.clone(),
     }
-}
-
-/// Writes frame, time and the prompts that were found on an exported picture.
-pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
-    let found = frame.found().filter(|(_, mask)| mask.count() > 0);
-    let found: Vec<_> = found.map(|(prompt, _)| (prompt_words(prompt), prompt.colour)).collect();
-    let title = frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
-    let state = if frame.is_shown() { "" } else { "  not reconstructed" };
-    caption(picture, &format!("{title}{state}"), &[], &found);
 }
 
 /// Writes a title into the upper left corner. Below it come notes, on several lines if one would be too wide,

@@ -82,13 +82,22 @@ impl<'a> FrameContent<'a> {
                 caption::draw_scale(&mut drawn, options.look.palette);
             }
             if options.captions {
-                caption::write_caption(&mut drawn, self);
+                self.write_caption(&mut drawn);
             }
             if options.stamp {
                 stamp::stamp(&mut drawn);
             }
             drawn
         })
+    }
+
+    /// Writes frame, time and the prompts that were found on an exported picture.
+    pub(super) fn write_caption(&self, picture: &mut RgbImage) {
+        let found = self.found().filter(|(_, mask)| mask.count() > 0);
+        let found: Vec<_> = found.map(|(p, _)| (caption::prompt_words(p), p.colour)).collect();
+        let title = caption::frame_words(self.frame, self.provenance.shown_seconds(self.frame));
+        let state = if self.is_shown() { "" } else { "  not reconstructed" };
+        caption::caption(picture, &format!("{title}{state}"), &[], &found);
     }
 
     /// Returns the overlay at most `max_width` columns wide, without words.

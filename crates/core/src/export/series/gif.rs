@@ -3,7 +3,6 @@
 use super::{Series, SeriesPlan};
 use crate::{
     export::{
-        caption,
         frame::{FrameContent, small_size},
         stamp,
     },
@@ -54,7 +53,7 @@ impl Series for Gif {
         }
         let mut small = frame.small_overlay(MAX_WIDTH);
         if frame.provenance.options.captions {
-            caption::write_caption(&mut small, frame);
+            frame.write_caption(&mut small);
         }
         if frame.provenance.options.stamp {
             stamp::stamp(&mut small);
