@@ -8,6 +8,7 @@ mod checkpoint;
 mod cpu;
 mod densify;
 mod fit_camera;
+mod frame_cache;
 mod frames;
 mod guess;
 mod lift;
@@ -58,7 +59,7 @@ use crate::{
     scene::{Chapter, Chapters, Provenance, Scene},
     sequence::{Identity, Sequence},
 };
-use frames::FrameCache;
+use frame_cache::FrameCache;
 use rand::Rng;
 use seeds::spread;
 use state::TrainState;
