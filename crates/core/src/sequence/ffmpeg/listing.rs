@@ -44,6 +44,13 @@ impl Listing {
         decode(video, None, "1", None)
     }
 
+    /// Lists the frames that were decoded, if all of them have a time, each a later one.
+    pub(super) fn of_decoded(told: &Told) -> Option<Self> {
+        let ticks: Vec<i64> = told.ticks.iter().copied().collect::<Option<_>>()?;
+        let is_in_order = !ticks.is_empty() && ticks.is_sorted_by(|a, b| a < b);
+        is_in_order.then_some(Self { ticks, keys: told.keys.clone(), tick_s: told.tick_s? })
+    }
+
     /// Reads what ffmpeg's `framecrc` writes: `0, dts, pts, duration, size, checksum, F=flags`, where no flags
     /// stand for a key.
     fn parse(text: &str) -> Option<Self> {
@@ -79,7 +86,7 @@ impl Listing {
         let (head, there) =
             rayon::join(|| decode(video, None, "1", Some(COMPARED)), || self.decoded_end(video));
         let (head, there) = (head?, there?);
-        let Some((size, head)) = head.size.zip(head.listing()) else { return Ok(None) };
+        let Some((size, head)) = head.size.zip(Self::of_decoded(&head)) else { return Ok(None) };
         let leading = self.ticks.partition_point(|ticks| *ticks < head.ticks[0]);
         if leading > LEADING_FRAMES || !self.ticks[leading..].starts_with(&head.ticks) {
             return Ok(None);

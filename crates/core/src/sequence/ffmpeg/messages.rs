@@ -1,6 +1,6 @@
 //! Facts that ffmpeg's messages tell about a video, compared with what the file promises.
 
-use super::{Unread, listing::Listing};
+use super::Unread;
 use crate::{
     Error, Result,
     sequence::{
@@ -66,11 +66,11 @@ pub(super) struct Told {
     pub frames: usize,
     pub size: Option<(usize, usize)>,
     /// Seconds per tick of the track.
-    tick_s: Option<f64>,
+    pub tick_s: Option<f64>,
     /// Time of every frame in ticks, where it has one.
     pub ticks: Vec<Option<i64>>,
     /// Frames at which decoding may start.
-    keys: Vec<usize>,
+    pub keys: Vec<usize>,
     /// Index and size of the first frame whose size differs from the first frame's.
     other_size: Option<(usize, (usize, usize))>,
     /// Time of every frame, seconds, as far as they are known one after the other.
@@ -164,18 +164,11 @@ impl Told {
         self.seconds.iter().copied().fold(0.0, f64::max)
     }
 
-    /// Takes note of the frames of a listing, as if they had been decoded.
-    pub(super) fn count_listed(&mut self, listing: &Listing) {
-        self.tick_s = Some(listing.tick_s);
+    /// Takes note of frames that are listed, by the ticks of their times, as if they had been decoded.
+    pub(super) fn count_listed(&mut self, ticks: &[i64], tick_s: f64) {
+        self.tick_s = Some(tick_s);
         (self.frames, self.ticks, self.seconds) = (0, Vec::new(), Vec::new());
-        listing.ticks.iter().for_each(|ticks| self.count(Shown { ticks: Some(*ticks), ..Shown::default() }));
-    }
-
-    /// Lists the frames, if all of them have a time, each a later one.
-    pub(super) fn listing(&self) -> Option<Listing> {
-        let ticks: Vec<i64> = self.ticks.iter().copied().collect::<Option<_>>()?;
-        let is_in_order = !ticks.is_empty() && ticks.is_sorted_by(|a, b| a < b);
-        is_in_order.then_some(Listing { ticks, keys: self.keys.clone(), tick_s: self.tick_s? })
+        ticks.iter().for_each(|ticks| self.count(Shown { ticks: Some(*ticks), ..Shown::default() }));
     }
 
     /// Returns how many frames the video has by its duration and speed.

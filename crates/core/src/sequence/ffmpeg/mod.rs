@@ -125,11 +125,11 @@ fn stream(
 ) -> Result<Recording> {
     let compared = listing.map(|mut listing| Ok((listing.compare_ends(&video)?, listing))).transpose()?;
     let (listing, there, size) = if let Some((Some((there, size)), listing)) = compared {
-        told.count_listed(&listing);
+        told.count_listed(&listing.ticks, listing.tick_s);
         (listing, there, size)
     } else {
         told = Listing::of_pictures(&video)?;
-        let listing = told.listing().zip(told.size).ok_or_else(|| {
+        let listing = Listing::of_decoded(&told).zip(told.size).ok_or_else(|| {
             let what = "its frames have no times, and it is too long to be unpacked whole";
             Error::input_at(&video.path, what, "Convert it to H.264 in mp4.")
         })?;
