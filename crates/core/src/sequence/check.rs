@@ -6,7 +6,7 @@ use super::{
     labels::{EXAMPLES, Way},
     lens, pace,
     recording::MaskRule,
-    settings::settings_name,
+    settings_file::settings_name,
     shots::{self, Seen, Shot},
 };
 use crate::{

@@ -10,7 +10,7 @@ use super::{
     hidden::HiddenRectangle,
     read,
     recording::{FrameFiles, Picture, Recording},
-    settings::settings_name,
+    settings_file::settings_name,
 };
 use crate::{Error, Result, num::spread};
 use rayon::prelude::*;

@@ -47,6 +47,7 @@ mod read;
 mod recording;
 mod segmentation;
 mod settings;
+mod settings_file;
 pub(crate) mod shots;
 mod supervision;
 #[cfg(test)]
@@ -70,11 +71,12 @@ pub use layouts::Layout;
 pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
 pub use recording::{CameraSource, Keep};
-pub(crate) use settings::settings_name;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
-    MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
+    MaskSettings, Settings, TimeSettings,
 };
+pub(crate) use settings_file::settings_name;
+pub use settings_file::{SETTINGS_FILE, settings_files};
 pub(crate) use times::USUAL_SPEED;
 pub use times::{seconds_of, shown_for};
 
@@ -128,7 +130,7 @@ impl Sequence {
         if !path.is_dir() {
             open_regular(path).map_err(|e| Error::io("open the recording", path, e))?;
         }
-        let file = settings::own_file(path);
+        let file = settings_file::own_file(path);
         let settings = Settings::read(&file)?;
         let (layout, mut recording) = layouts::open(path, &settings.selection())?;
         settings.apply(&mut recording, &file)?;

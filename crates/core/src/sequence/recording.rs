@@ -9,7 +9,7 @@ use super::{
     hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
     read, segmentation,
-    settings::settings_name,
+    settings_file::settings_name,
     times::Gaps,
 };
 use crate::{

@@ -44,17 +44,15 @@
 
 use super::{
     classes::{self, ClassEntry},
-    decided,
     depth::DepthKind,
     hidden::HiddenRectangle,
     labels::LabelCoding,
-    layouts, lens, read,
+    lens,
     recording::{CameraSource, Keep, MaskRule, Recording, Selection},
 };
 use crate::{
     Error, Result,
     camera::Camera,
-    dicom::is_dicom,
     reading::{is_present, read_text},
 };
 use serde::{Deserialize, Serialize};
@@ -62,40 +60,6 @@ use std::{
     ops::RangeInclusive,
     path::{Path, PathBuf},
 };
-
-/// Name of the settings file in a recording's folder.
-pub const SETTINGS_FILE: &str = "sequence.toml";
-
-/// Returns the settings file of the recording `path`: inside a folder, beside a video file. A folder of only
-/// one video that has none inside has that of the video.
-pub(super) fn own_file(path: &Path) -> PathBuf {
-    let beside = |file: &Path| file.with_file_name(format!("{}.toml", read::file_name(file)));
-    if path.is_file() {
-        return beside(path);
-    }
-    let inside = path.join(SETTINGS_FILE);
-    if is_present(&inside) {
-        return inside;
-    }
-    let of_video = layouts::only_video(path).map(|video| beside(&video));
-    of_video.filter(|file| is_present(file)).unwrap_or(inside)
-}
-
-/// Names the settings file of the recording `path` as messages do. Names of DICOM files may be those of
-/// patients.
-pub(crate) fn settings_name(path: &Path) -> String {
-    match path.is_file() {
-        true if is_dicom(path) => "the file of its name with .toml added, beside it".into(),
-        true => format!("{} beside it", read::file_name(&own_file(path))),
-        false => read::file_name(&own_file(path)),
-    }
-}
-
-/// Returns the settings files of the recording `path`, existing or not: the user's, and the
-/// program's beside it.
-pub fn settings_files(path: &Path) -> [PathBuf; 2] {
-    [own_file(path), decided::file(path)]
-}
 
 /// Scales of depth that are believed: with them, whatever a file holds stays a number of the usual size.
 const DEPTH_SCALES: RangeInclusive<f64> = 1e-9..=1e9;
@@ -349,6 +313,7 @@ fn in_plain_words(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sequence::SETTINGS_FILE;
 
     fn read(text: &str) -> Result<Settings> {
         let folder = tempfile::tempdir().unwrap();

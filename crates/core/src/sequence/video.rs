@@ -9,7 +9,8 @@ use super::{
     mp4::Mp4,
     read,
     recording::{FrameFiles, Picture, Recording, Selection},
-    settings::{Settings, own_file},
+    settings::Settings,
+    settings_file::own_file,
 };
 use crate::{
     Error, Result,

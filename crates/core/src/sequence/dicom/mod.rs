@@ -20,7 +20,7 @@ use super::{
     read,
     recording::{FrameFiles, Recording, Selection},
     segmentation,
-    settings::settings_name,
+    settings_file::settings_name,
 };
 use crate::{
     Error, Result,
