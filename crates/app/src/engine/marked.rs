@@ -69,7 +69,7 @@ impl Engine {
     ///
     /// Marks are carried to the Gaussians when the first prompt is asked, in each chapter of a long scene anew.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
-        let marks = marks.renamed(Asking::class_names(&self.scene, &self.settings));
+        let marks = marks.joined(Asking::class_names(&self.scene, &self.settings));
         let names = marks.shown_names();
         let num_carried = names.iter().filter(|name| !self.scene.finds(name)).count();
         if let Some(camera) = self.scene.cameras.first().filter(|_| num_carried > 0) {

@@ -58,6 +58,28 @@ fn a_name_that_marks_only_deny_cannot_be_looked_for() {
     }
 }
 
+#[test]
+fn spellings_of_a_marked_name_are_one() {
+    use surgtpgs_core::marks::{Mark, Marks, Shape};
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut engine = Engine::new(Arc::new(surgtpgs_core::stress::ordinary(3)), None, options).unwrap();
+    let click = |(name, x): (&str, f32)| {
+        Mark::new(0, name, true, Shape::Click { point_px: [x, 6.0], radius_px: 2.0 })
+    };
+    let mut marks = [("gallbladder", 6.0), ("fat", 20.0), ("Gall Bladder", 40.0), ("gall-bladder", 50.0)];
+    let mut digests = Vec::new();
+    for _ in 0..marks.len() {
+        marks.rotate_left(1);
+        let canvas = engine.canvas();
+        engine.set_marks(Marks::new(marks.map(click).to_vec(), &canvas).unwrap()).unwrap();
+        let known = engine.marks().unwrap();
+        assert_eq!(known.names(), ["fat", "gall bladder"], "{marks:?}");
+        digests.push(known.digest());
+    }
+    digests.dedup();
+    assert_eq!(digests.len(), 1, "the order of marks does not matter");
+}
+
 /// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
 fn asked_engine(backend: BackendChoice) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};

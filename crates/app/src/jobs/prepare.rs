@@ -260,8 +260,10 @@ impl<'a> Features<'a> {
     }
 }
 
+/// Reads marks; names that differ in spelling alone are one.
 fn read_marks(path: &Path, sequence: &Sequence) -> Result<Marks> {
-    Marks::read_for(path, &sequence.canvas(), || Some(sequence.clone()))
+    let marks = Marks::read_for(path, &sequence.canvas(), || Some(sequence.clone()))?;
+    Ok(marks.joined(|_| None))
 }
 
 fn embedded<'a>(text: &mut TextEncoder, names: impl Iterator<Item = &'a str>) -> Result<Vec<Vec<f32>>> {
@@ -406,6 +408,23 @@ mod tests {
         let options = PrepareOptions { source, depth_model, ..Default::default() };
         let sequence = Sequence::open(&recording).unwrap();
         prepare(sequence, &folder.path().join("prep"), &options, &mut unobserved).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn spellings_of_a_marked_name_are_prepared_as_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("recording");
+        let small = DemoSettings { width: 48, height: 32, frames: 8, ..DemoSettings::default() };
+        demo::write(&small, &recording, &mut unobserved).unwrap();
+        let click = |name: &str| {
+            let points_px = [[9, 9]];
+            serde_json::json!({ "frame": 0, "name": name, "kind": "click", "points_px": points_px })
+        };
+        let marks = ["gallbladder", "fat", "Gall Bladder"].map(click);
+        let file = folder.path().join("marks.json");
+        std::fs::write(&file, serde_json::json!({ "marks": marks }).to_string()).unwrap();
+        let marks = read_marks(&file, &Sequence::open(&recording).unwrap()).unwrap();
+        assert_eq!(marks.names(), ["fat", "gall bladder"]);
     }
 
     #[test]

@@ -33,6 +33,7 @@ mod looks;
 mod marked_frame;
 mod means;
 mod mix;
+mod names;
 mod notes;
 mod outside;
 mod plan;
@@ -53,6 +54,7 @@ pub use chapter_marks::ChapterMarks;
 pub use correction::{Correction, ScoresBefore};
 pub use evidence::Evidence;
 pub use graph::Graph;
+pub use names::join_names;
 pub use scores::{FrameScores, LookHere};
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
@@ -183,20 +185,6 @@ impl Marks {
     /// Returns the marks of some names.
     pub fn named(&self, names: &[&String]) -> Self {
         self.filtered(|mark| names.contains(&&mark.name))
-    }
-
-    /// Gives marks other names, where `name` returns one.
-    #[must_use]
-    pub fn renamed(mut self, name: impl Fn(&str) -> Option<String>) -> Self {
-        let other = |old: String| name(&old).map(|new| (old, new));
-        let names: BTreeMap<String, String> =
-            names_of(self.marks.iter()).into_iter().filter_map(other).collect();
-        for mark in &mut self.marks {
-            if let Some(new) = names.get(&mark.name) {
-                mark.name.clone_from(new);
-            }
-        }
-        Self::unchecked(self.marks)
     }
 
     /// Returns the marks on some frames.

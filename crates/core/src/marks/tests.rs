@@ -445,7 +445,7 @@ fn a_name_that_is_only_denied_is_not_marked() {
 }
 
 /// Any few marks on the small canvas.
-fn any_marks() -> impl Strategy<Value = Vec<Mark>> {
+pub(super) fn any_marks() -> impl Strategy<Value = Vec<Mark>> {
     let point = || (0.0f32..64.0, 0.0f32..48.0).prop_map(|(x, y)| [x, y]);
     let shape = prop_oneof![
         (point(), 0.0f32..9.0).prop_map(|(point_px, radius_px)| Shape::Click { point_px, radius_px }),

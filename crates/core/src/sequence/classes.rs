@@ -133,6 +133,16 @@ pub fn plain_words(name: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// Returns `true` if two names are one: capitals, spaces, hyphens and underscores do not count.
+pub fn is_same_name(a: &str, b: &str) -> bool {
+    letters(a) == letters(b)
+}
+
+/// Returns the part of a name that names which are one have in common: its plain words, joined.
+pub(crate) fn letters(name: &str) -> String {
+    plain_words(name).replace([' ', '-'], "")
+}
+
 /// Words for things that a surgeon holds, in the singular; a plural with -s is recognised too.
 const INSTRUMENTS: [&str; 26] = [
     "instrument",
@@ -186,6 +196,14 @@ mod tests {
         ] {
             assert_eq!(plain_words(name), words);
         }
+    }
+
+    #[test]
+    fn capitals_spaces_and_hyphens_make_no_other_name() {
+        for other in ["Gallbladder", "gall bladder", "GALL_BLADDER", " gall-bladder "] {
+            assert!(is_same_name("gallbladder", other), "{other}");
+        }
+        assert!(is_same_name("l-hook", "L hook") && !is_same_name("liver", "livers"));
     }
 
     #[test]

@@ -56,7 +56,8 @@ mod times;
 mod video;
 
 pub use check::{CheckReport, check, name_frames};
-pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, names_instrument, plain_words};
+pub(crate) use classes::letters;
+pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, is_same_name, names_instrument, plain_words};
 pub use depth::{DepthKind, DepthOrigin};
 pub use dicom::{SourceFrame, SourceInstance, SourceReferences};
 pub use estimated::EstimatedDepth;

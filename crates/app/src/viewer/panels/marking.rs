@@ -6,7 +6,6 @@ use crate::viewer::{
     panels::widgets::{add_unless, caption, choice, focus_selecting},
     shared::Shared,
     state::{
-        content::is_same_name,
         excluded::EXCLUDED,
         marking::{RADII_PX, Tool},
     },
@@ -14,7 +13,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{Align, Button, Frame, Id, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
-use surgtpgs_core::marks::Mark;
+use surgtpgs_core::{marks::Mark, sequence::is_same_name};
 
 /// Message while marks wait.
 pub(crate) const WAITS: &str = "Marked; waits for the reconstruction";

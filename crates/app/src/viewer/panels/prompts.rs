@@ -17,12 +17,12 @@ use crate::viewer::{
     },
     picture::{found::Found, request::Finding},
     shared::Shared,
-    state::content::{PREVIEW, Prompt, is_same_name},
+    state::content::{PREVIEW, Prompt},
     text::{percent, sentence},
     theme,
 };
 use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
-use surgtpgs_core::overlay::OverlayStyle;
+use surgtpgs_core::{overlay::OverlayStyle, sequence::is_same_name};
 
 /// Message of a prompt that is known to the recording but not found on the frame.
 pub(crate) const NOTHING: &str = "Not on this frame";

@@ -1,9 +1,8 @@
 //! Suggested prompts: words used before, the classes of the recording, and common words of an operation.
 
-use crate::viewer::{
-    action::Action, panels::widgets::caption, shared::Shared, state::content::is_same_name, theme,
-};
+use crate::viewer::{action::Action, panels::widgets::caption, shared::Shared, theme};
 use egui::{Button, Popup, PopupCloseBehavior, RichText, ScrollArea, Ui};
+use surgtpgs_core::sequence::is_same_name;
 
 /// Things to find in common operations, named as in public data sets.
 const PRESETS: [(&str, &[&str]); 2] = [

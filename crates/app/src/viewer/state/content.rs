@@ -12,7 +12,7 @@ use crate::viewer::{
     },
 };
 use serde_json::{Map, Value};
-use surgtpgs_core::{mask::CleanUp, relevancy::RelevancySettings, sequence::plain_words};
+use surgtpgs_core::{mask::CleanUp, relevancy::RelevancySettings};
 
 /// Identifier of a prompt, valid for its lifetime.
 pub(crate) type PromptId = u64;
@@ -190,12 +190,6 @@ impl Content {
         self.range = self.range.filter(|(from, to)| from <= to && *to < num_frames);
         self
     }
-}
-
-/// Returns `true` if two names are one: capitals, spaces, hyphens and underscores do not count.
-pub(crate) fn is_same_name(a: &str, b: &str) -> bool {
-    let letters = |name: &str| plain_words(name).replace([' ', '-'], "");
-    letters(a) == letters(b)
 }
 
 /// Rounds to the nearest whole hundredth of 0–1. Not a number becomes 1: nothing is found rather than

@@ -2,7 +2,7 @@
 //! named edit that can be undone.
 
 use crate::viewer::state::{
-    content::{Content, Look, NamedSample, PREVIEW, Prompt, PromptId, hundredths, is_same_name},
+    content::{Content, Look, NamedSample, PREVIEW, Prompt, PromptId, hundredths},
     history::History,
     measure::Scale,
     view_mode::ViewMode,
@@ -12,7 +12,7 @@ use serde_json::Map;
 use surgtpgs_core::{
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
-    sequence::{names_instrument, plain_words},
+    sequence::{is_same_name, names_instrument, plain_words},
 };
 
 /// Change of the threshold by a threshold key.

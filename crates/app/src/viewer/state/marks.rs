@@ -3,10 +3,7 @@
 use crate::settings::prompt_colour;
 use crate::viewer::{
     backend::Info,
-    state::{
-        content::{Prompt, is_same_name},
-        document::Document,
-    },
+    state::{content::Prompt, document::Document},
     text::{counted, thousands},
 };
 use serde::Deserialize;
@@ -16,8 +13,8 @@ use std::{
     sync::Arc,
 };
 use surgtpgs_core::{
-    marks::{Canvas, Mark},
-    sequence::plain_words,
+    marks::{Canvas, Mark, join_names},
+    sequence::{is_same_name, plain_words},
 };
 
 /// Marks in the order in which they were made; copies share them.
@@ -220,30 +217,21 @@ impl Document {
     /// Returns the name, in plain words, under which the same is marked or looked for already; the name itself
     /// if there is none.
     pub(crate) fn joined_name(&self, name: &str) -> String {
-        let marked = self.marks().names().into_iter().find(|known| is_same_name(known, name));
-        let asked = || self.prompts().iter().find(|p| p.is_marked_as(name)).map(|p| plain_words(&p.text));
-        marked.map(str::to_owned).or_else(asked).unwrap_or_else(|| name.to_owned())
+        self.known_name(name).unwrap_or_else(|| name.to_owned())
     }
 
-    /// Gives marks the names under which the same is known already, or else the first of their own.
-    fn join_names(&self, marks: &mut [Mark]) {
-        let mut names: Vec<String> = Vec::new();
-        for mark in marks {
-            let name = names.iter().find(|known| is_same_name(known, &mark.name)).cloned();
-            let name = name.unwrap_or_else(|| {
-                let name = self.joined_name(&mark.name);
-                names.push(name.clone());
-                name
-            });
-            mark.name = name;
-        }
+    /// Returns the name, in plain words, under which the same is marked or looked for already, if any.
+    fn known_name(&self, name: &str) -> Option<String> {
+        let marked = self.marks().names().into_iter().find(|known| is_same_name(known, name));
+        let asked = || self.prompts().iter().find(|p| p.is_marked_as(name)).map(|p| plain_words(&p.text));
+        marked.map(str::to_owned).or_else(asked)
     }
 
     /// Adds marks without those that are there already, by one edit, which `name` names by their number. Marks
     /// of the same structure have one name. New names get prompts in alphabetical order; prompts that are there
     /// stay as they are. Returns the number of marks that were added.
     pub(crate) fn add_marks(&mut self, name: impl FnOnce(usize) -> String, mut marks: Vec<Mark>) -> usize {
-        self.join_names(&mut marks);
+        join_names(&mut marks, |name| self.known_name(name));
         let mut on: HashMap<usize, Vec<&Mark>> = HashMap::new();
         for mark in self.marks().all() {
             on.entry(mark.frame).or_default().push(mark);
@@ -338,6 +326,17 @@ mod tests {
         assert_eq!(document.marks().names(), BTreeSet::from(["cystic duct", "gallbladder"]));
         document.rename(document.prompts()[0].id, "Fundus");
         assert_eq!(document.marks().names(), BTreeSet::from(["cystic duct", "fundus"]));
+    }
+
+    #[test]
+    fn the_spelling_of_a_new_name_does_not_depend_on_the_order_of_its_marks() {
+        let mut marks = vec![click(0, "cysticduct", true), click(1, "Cystic-Duct", true)];
+        for _ in 0..2 {
+            let mut document = Document::new(OverlayLook::default(), 0.5);
+            assert_eq!(document.add_marks(|_| "opening marks".into(), marks.clone()), 2);
+            assert_eq!(document.marks().names(), BTreeSet::from(["cystic duct"]));
+            marks.reverse();
+        }
     }
 
     #[test]

@@ -6,12 +6,12 @@ use crate::viewer::{
     picture::request::{AskedPrompt, Request},
     shared::Shared,
     state::{
-        content::{PREVIEW, Prompt, is_same_name},
+        content::{PREVIEW, Prompt},
         marks::MarkList,
         view_mode::ViewMode,
     },
 };
-use surgtpgs_core::sequence::names_instrument;
+use surgtpgs_core::sequence::{is_same_name, names_instrument};
 
 /// Largest number of classes whose scores are asked for a probed point, beside those of the prompts.
 const MAX_CANDIDATES: usize = 12;

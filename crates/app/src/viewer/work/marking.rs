@@ -7,7 +7,7 @@ use crate::viewer::{
     },
     shared::Shared,
     state::{
-        content::{Prompt, is_same_name},
+        content::Prompt,
         marking::Draft,
         marks::{MarkList, canvas},
         saving::SavedKind,
@@ -17,7 +17,11 @@ use crate::viewer::{
 };
 use egui::Context;
 use std::path::Path;
-use surgtpgs_core::{files::write_whole, marks::Marks, sequence::Sequence};
+use surgtpgs_core::{
+    files::write_whole,
+    marks::Marks,
+    sequence::{Sequence, is_same_name},
+};
 
 impl Shared {
     /// Returns `true` if prompts can be asked: the reconstruction has features, or marks can be carried to it.
