@@ -228,15 +228,18 @@ impl Asking {
                 (query, Answer::new(&Meaning::unknown(), &self.known, true))
             }
             None if !scene.classes.is_empty() || scene.codec.is_none() => {
-                return self.among_classes(scene, settings, question, query, &embedding);
+                let meaning = self.meaning(scene, settings, text, &embedding)?;
+                return self.among_classes(scene, question, query, meaning);
             }
             None => {
                 let (rivals, allies) = self.concepts_beside(scene, &[(text, &embedding)])?;
                 let compared = query.clone().among(&rivals, allies);
-                // Where nothing but marks has names, features answer all other words.
+                // Where nothing but marks has names, features answer all words that mean none of these.
                 if !self.known.is_empty() {
-                    let marked = self.among_classes(scene, settings, question, query, &embedding)?;
-                    if !marked.meant.is_empty() {
+                    let meaning = self.meaning(scene, settings, text, &embedding)?;
+                    let is_marked = meaning.is_found() || question.shows_nearest;
+                    let marked = self.among_classes(scene, question, query, meaning)?;
+                    if is_marked && !marked.meant.is_empty() {
                         return Ok(Understood { query: compared, ..marked });
                     }
                 }
@@ -246,16 +249,14 @@ impl Asking {
         Ok(Understood { query, answer, meant: Vec::new() })
     }
 
-    /// Completes a query that competes with the scene's classes.
+    /// Completes a query that competes with the scene's classes; `meaning` is that of its words.
     fn among_classes(
         &mut self,
         scene: &Scene,
-        settings: &RelevancySettings,
         question: &Question,
         query: Query,
-        embedding: &[f32],
+        meaning: Meaning,
     ) -> Result<Understood> {
-        let meaning = self.meaning(scene, settings, question.text.trim(), embedding)?;
         let are_marked = scene.codec.is_none() || scene.words.from_marks;
         let answer = Answer::new(&meaning, &self.known, are_marked);
         let (meant, certainty) = match (&answer.nearest, meaning.nearest) {

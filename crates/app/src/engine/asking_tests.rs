@@ -52,6 +52,16 @@ pub(crate) fn engine_on(backend: BackendChoice, names: &[&str], unseen: &[&str])
     Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap()
 }
 
+/// Opens an engine on a scene with the features of these classes, but without a list of classes. Its frames
+/// all look the same.
+pub(crate) fn unlabelled_engine(names: &[&str], frames: usize) -> Engine {
+    let mut scene = Scene::clone(engine(names, &[]).scene());
+    scene.classes.clear();
+    scene.cameras = vec![scene.cameras[0]; frames];
+    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    Engine::new(Arc::new(scene), None, options).unwrap()
+}
+
 /// Opens an engine on a scene of liver and fat. The training reached the first two of its four frames.
 pub(crate) fn unfinished_engine() -> Engine {
     let whole = engine(&["liver", "fat"], &[]);
@@ -95,10 +105,7 @@ fn other_words_for_a_class_find_what_its_name_finds() {
 
 #[test]
 fn features_without_classes_answer_words_that_no_mark_has() {
-    let mut scene = Scene::clone(engine(&NAMES, &[]).scene());
-    scene.classes.clear();
-    let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
-    let mut engine = Engine::new(Arc::new(scene), None, options).unwrap();
+    let mut engine = unlabelled_engine(&NAMES, 1);
     let before = ask(&mut engine, "gallbladder").0;
     let asked = engine.queries().to_vec();
     assert!(before.may_be_found(0.5) && !asked[0].meant.is_empty(), "{before:?}");
@@ -107,6 +114,20 @@ fn features_without_classes_answer_words_that_no_mark_has() {
     assert_eq!((ask(&mut engine, "gallbladder").0, engine.queries()), (before, &asked[..]));
     let (marked, _) = ask(&mut engine, "hepar");
     assert!(marked.may_be_found(0.5) && engine.asking.meant == [["liver"]], "{marked:?}");
+}
+
+#[test]
+fn words_that_mean_no_mark_are_answered_as_without_it() {
+    let mut engine = unlabelled_engine(&NAMES, 1);
+    let others = ["hepatic vein", "banana", "spaceship", "asdfgh"];
+    let said = |engine: &mut Engine, words: &str| (ask(engine, words).0, engine.queries().to_vec());
+    let before = others.map(|words| said(&mut engine, words));
+    let Engine { asking, scene, settings, .. } = &mut engine;
+    asking.know(scene, settings, &["liver".into()]).unwrap();
+    for (words, before) in others.into_iter().zip(before) {
+        assert_eq!(said(&mut engine, words), before, "{words}");
+        assert!(engine.asking.meant[0].is_empty(), "{words}: {:?}", engine.asking.meant);
+    }
 }
 
 /// Returns the number of pixels that are found on a view that was not recorded.
