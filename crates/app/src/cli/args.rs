@@ -180,7 +180,7 @@ impl RelevancyArgs {
 #[derive(Debug, Args)]
 pub(super) struct MarkArgs {
     /// A file of marks on frames of the recording, or of annotations (COCO, CVAT, Label Studio, .seg.nrrd, DICOM
-    /// segmentations): prompts find what they name, and marks of a class that the scene knows correct it
+    /// segmentations): prompts find what they name, and marks of what the scene finds by itself correct it
     #[arg(long, value_name = "MARKS")]
     pub(super) marks: Option<PathBuf>,
     /// A folder with a Segment Anything: clicks and boxes of the marks become the masks that it finds there

@@ -14,7 +14,7 @@ use surgtpgs_core::{
     num,
     relevancy::{Query, RelevancySettings, Rivals},
     scene::Scene,
-    sequence::{Class, NO_LABEL},
+    sequence::{Class, NO_LABEL, is_same_name},
 };
 
 /// The questions that a scene is asked, and everything that is needed to understand them.
@@ -41,6 +41,8 @@ pub(super) struct Asking {
     pub(super) answers: Vec<Answer>,
     /// Names of the classes that each question means.
     pub(super) meant: Vec<Vec<String>>,
+    /// Names of the classes whose corrections change each question.
+    pub(super) corrected: Vec<Vec<String>>,
 }
 
 /// A question, as the scene understands it.
@@ -50,6 +52,8 @@ struct Understood {
     answer: Answer,
     /// Places of what it means among the known classes.
     meant: Vec<usize>,
+    /// Places of those whose corrections change it.
+    corrected: Vec<usize>,
 }
 
 /// Number of questions of before that are kept.
@@ -77,6 +81,7 @@ impl Asking {
             queries: Vec::new(),
             answers: Vec::new(),
             meant: Vec::new(),
+            corrected: Vec::new(),
         }
     }
 
@@ -129,19 +134,24 @@ impl Asking {
         *self = Self { encoder, ..Self::new(scene, choice, settings) };
     }
 
-    /// Returns the query of a class by its name, with what the settings compare it with.
-    pub(super) fn class_query(
+    /// Returns the query of a name, with what the settings compare it with: of a class, or of words that are
+    /// asked as a prompt is.
+    pub(super) fn query_of(
         &mut self,
         scene: &Scene,
         settings: &RelevancySettings,
-        place: usize,
+        name: &str,
     ) -> Result<Query> {
+        let question = Question::words(name, Negatives::of(settings));
+        let Some(place) = scene.classes.iter().position(|(class, _)| class.name == name) else {
+            self.encode(scene, std::slice::from_ref(&question))?;
+            return Ok(self.understand(scene, settings, &question)?.query);
+        };
         let (class, row) = &scene.classes[place];
         let query = Query::new(&class.name, row.clone());
         if settings.class_negatives {
             return Ok(query.among(&self.classes, vec![place]));
         }
-        let question = Question::words(&class.name, Negatives::of(settings));
         self.encode(scene, std::slice::from_ref(&question))?;
         let phrases = question.negatives.phrases.iter().map(|p| (p.clone(), self.phrases[p].clone()));
         Ok(query.but_not(phrases.collect()))
@@ -168,6 +178,7 @@ impl Asking {
             self.queries.clear();
             self.answers.clear();
             self.meant.clear();
+            self.corrected.clear();
             return Ok(());
         }
         if questions.iter().any(|q| q.text.trim().is_empty()) {
@@ -189,8 +200,9 @@ impl Asking {
             }
             understood.extend(self.understood.get(question).cloned());
         }
-        let names = |u: &Understood| u.meant.iter().map(|k| self.known[*k].0.name.clone()).collect();
-        self.meant = understood.iter().map(names).collect();
+        let names = |places: &[usize]| places.iter().map(|k| self.known[*k].0.name.clone()).collect();
+        self.meant = understood.iter().map(|u| names(&u.meant)).collect();
+        self.corrected = understood.iter().map(|u| names(&u.corrected)).collect();
         (self.queries, self.answers) = understood.into_iter().map(|u| (u.query, u.answer)).unzip();
         Ok(())
     }
@@ -218,7 +230,9 @@ impl Asking {
             _ if !negatives.uses_classes && scene.codec.is_some() => {
                 let named = self.interpreter.by_words(text).filter(|_| question.like.is_none());
                 let meant = named.map_or_else(Vec::new, |meaning| meaning.classes);
-                return Ok(Understood { query, answer: Answer::compared("compared as it is"), meant });
+                let corrected = self.corrected_by(scene, question, &meant);
+                let answer = Answer::compared("compared as it is");
+                return Ok(Understood { query, answer, meant, corrected });
             }
             Some(_) => {
                 let nearest = nearest_class(scene, &embedding).into_iter().collect();
@@ -246,7 +260,20 @@ impl Asking {
                 (compared, Answer::compared("compared with all that it could mean"))
             }
         };
-        Ok(Understood { query, answer, meant: Vec::new() })
+        let corrected = self.corrected_by(scene, question, &[]);
+        Ok(Understood { query, answer, meant: Vec::new(), corrected })
+    }
+
+    /// Returns the places of the known classes whose corrections change a question: those that it means or,
+    /// where features find any words, the one that it names.
+    fn corrected_by(&self, scene: &Scene, question: &Question, meant: &[usize]) -> Vec<usize> {
+        if !scene.finds_any_words() {
+            return meant.to_vec();
+        }
+        let words = question.text.trim();
+        let spelled = self.known.iter().position(|(class, _)| is_same_name(&class.name, words));
+        let called = spelled.or_else(|| self.interpreter.class_called(words));
+        called.filter(|_| question.like.is_none()).into_iter().collect()
     }
 
     /// Completes a query that competes with the scene's classes; `meaning` is that of its words.
@@ -268,7 +295,8 @@ impl Asking {
         let classes: Vec<usize> = meant.iter().copied().filter(|k| *k < labelled).collect();
         let rows = classes.iter().map(|&k| scene.classes[k].1.clone()).collect();
         let query = Query { meant: rows, certainty, ..query };
-        let understood = |query| Understood { query, answer, meant };
+        let corrected = self.corrected_by(scene, question, &meant);
+        let understood = |query| Understood { query, answer, meant, corrected };
         if classes.len() < labelled || scene.codec.is_none() {
             return Ok(understood(query.among(&self.classes, classes)));
         }

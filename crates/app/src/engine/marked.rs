@@ -1,6 +1,6 @@
-//! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
+//! Marks by hand in an engine: scores of the names that they give, and corrections of what features find.
 
-use super::{Engine, Recorded, SceneView, asking::Asking, blank};
+use super::{Engine, Recorded, SceneView, asking::Asking, blank, open_relevancy};
 use crate::memory::{Work, require_for};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_clip::SegmentAnything;
@@ -20,18 +20,18 @@ const MOST_READ: usize = 8;
 /// Largest number of score images without corrections that are kept for the next mark.
 const MOST_BEFORE: usize = 32;
 
-/// Scores of the scene's classes on frames without corrections, by name and frame.
+/// Scores of names on frames without corrections, by name and frame.
 type ScoresBefore = BTreeMap<(String, usize), Arc<Grid<f32>>>;
 
 /// Marks, carried to the scene or to the chapter of it that is at hand.
 pub(super) struct MarksInScene {
     /// Marks by hand that were carried.
     by_hand: Arc<Marks>,
-    /// Names that the scene does not have.
+    /// Names that are none of the scene's classes.
     carried: Carried,
-    /// Corrections of the scene's classes, by name.
+    /// Corrections of what features find, by name.
     corrections: BTreeMap<String, Correction>,
-    /// Scores of these classes on marked frames.
+    /// Scores of these names on marked frames.
     before: ScoresBefore,
     /// Scores of the last frame, in the order of the carried names.
     last: Option<(usize, FrameScores)>,
@@ -63,23 +63,24 @@ impl Engine {
     }
 
     /// Takes marks in place of earlier ones. From now on prompts find what was marked, and marks of the scene's
-    /// own classes, by whatever name, correct them. A new name has to be shown by some mark: where marks only
-    /// say what it is not, it cannot be looked for. If there are other names than before, the prompts are
-    /// forgotten.
+    /// own classes, by whatever name, correct them. Where features have no classes, marks correct the prompts
+    /// that have their name. Any other name has to be shown by some mark: where marks only say what it is not,
+    /// it cannot be looked for. If there are other names than before, the prompts are forgotten.
     ///
     /// Marks are carried to the Gaussians when the first prompt is asked, in each chapter of a long scene anew.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
         let marks = marks.joined(Asking::class_names(&self.scene, &self.settings));
-        let names = marks.shown_names();
-        let num_carried = names.iter().filter(|name| !self.scene.finds(name)).count();
+        let num_carried = marks.shown_names().iter().filter(|name| !self.scene.finds(name)).count();
         if let Some(camera) = self.scene.cameras.first().filter(|_| num_carried > 0) {
             require_for(&Work::Marks(camera.width, camera.height, num_carried))?;
         }
-        if names != self.marks().map(Marks::shown_names).unwrap_or_default() {
+        let names = names_to_know(&self.scene, &marks);
+        if names != self.marks().map(|marks| names_to_know(&self.scene, marks)).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
         if marks.is_empty() {
             (self.chapter_marks, self.carried_marks, self.turned_from) = (None, None, None);
+            self.uncorrected = None;
             return Ok(());
         }
         self.chapter_marks = Some(match self.chapter_marks.take() {
@@ -135,8 +136,7 @@ impl Engine {
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
         self.graph = Some(Arc::clone(&graph));
-        let (known, new): (Vec<&String>, Vec<&String>) =
-            names.iter().partition(|name| self.scene.finds(name));
+        let new: Vec<&String> = names.iter().filter(|name| !scene.finds(name)).collect();
         let carried = Carried::new(&scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
         let earlier = self.carried_marks.take();
         let is_first = earlier.is_none();
@@ -144,8 +144,10 @@ impl Engine {
             Some(earlier) => (carried.after(earlier.carried), earlier.before),
             None => (carried, BTreeMap::new()),
         };
-        before.retain(|(_, frame), _| here.on(*frame).next().is_some());
-        let (by_hand, corrections, done) = match self.corrections(&graph, &here.named(&known), &mut before) {
+        let correcting = self.chapter_marks.as_ref().map(|marks| marks.correcting(&scene));
+        let correcting = correcting.unwrap_or_default();
+        before.retain(|(_, frame), _| correcting.on(*frame).next().is_some());
+        let (by_hand, corrections, done) = match self.corrections(&graph, &correcting, &mut before) {
             Ok(corrections) => (by_hand, corrections, Ok(())),
             // What is known so far serves the next attempt.
             Err(e) => (Arc::default(), BTreeMap::new(), Err(e)),
@@ -156,7 +158,7 @@ impl Engine {
         done
     }
 
-    /// Returns the corrections of the scene's classes by `marks`. `before` are the scores that are known
+    /// Returns the corrections of what features find by `marks`. `before` are the scores that are known
     /// already. Leaves off for a request elsewhere.
     fn corrections(
         &mut self,
@@ -166,7 +168,7 @@ impl Engine {
     ) -> Result<BTreeMap<String, Correction>> {
         let (scene, threshold) = (Arc::clone(&self.scene), self.settings.threshold);
         let mut rendered = None;
-        Correction::of_classes(&scene, graph, marks, threshold, &mut |name, frame| {
+        Correction::of_names(&scene, graph, marks, threshold, &mut |name, frame| {
             let key = (name.to_owned(), frame);
             if let Some(scores) = before.get(&key) {
                 return Ok(Arc::clone(scores));
@@ -193,12 +195,14 @@ impl Engine {
         self.on_a_working_machine(|Self { scene, machine, .. }| machine.render(scene, &camera, time, true))
     }
 
-    /// Returns the scores of a class on a rendered frame, without marks.
+    /// Returns the scores of a name on a rendered frame, without marks.
     fn scores_before(&mut self, name: &str, images: &Images) -> Result<Grid<f32>> {
         let nothing = || Grid::filled(images.width, images.height, 0.0);
-        let place = self.scene.classes.iter().position(|(class, _)| class.name == name);
-        let (Some(relevancy), Some(place)) = (&mut self.relevancy, place) else { return Ok(nothing()) };
-        let query = self.asking.class_query(&self.scene, &self.settings, place)?;
+        if self.uncorrected.is_none() {
+            self.uncorrected = open_relevancy(&self.scene);
+        }
+        let Some(relevancy) = &mut self.uncorrected else { return Ok(nothing()) };
+        let query = self.asking.query_of(&self.scene, &self.settings, name)?;
         let mut scores = relevancy.score(images, &[query], &self.settings).pop().unwrap_or_else(nothing);
         blank(&mut scores.data, self.outside.ranges(images, &self.scene.field_of_view));
         Ok(scores)
@@ -228,17 +232,22 @@ impl Engine {
         } else {
             Vec::new()
         };
-        for ((score, meant), query) in scores.iter_mut().zip(&self.asking.meant).zip(&self.asking.queries) {
-            for name in meant {
-                if let Some(correction) = marked.corrections.get(name) {
-                    correction.apply(&self.scene, (view.camera, view.time), at_full_size, score);
-                }
-                let place = marked.carried.names().iter().position(|known| known == name);
-                if let Some(own) = place.and_then(|k| new.get(k)) {
-                    score.data.iter_mut().zip(&own.data).for_each(|(s, own)| *s = s.max(*own));
-                }
+        let Asking { meant, corrected, queries, .. } = &self.asking;
+        for (((score, meant), corrected), query) in scores.iter_mut().zip(meant).zip(corrected).zip(queries) {
+            let corrections: Vec<&Correction> =
+                corrected.iter().filter_map(|name| marked.corrections.get(name)).collect();
+            for correction in &corrections {
+                correction.apply(&self.scene, (view.camera, view.time), at_full_size, score);
             }
-            score.data.iter_mut().for_each(|s| *s = s.min(query.certainty));
+            let place = |name: &String| marked.carried.names().iter().position(|known| known == name);
+            let own: Vec<&Grid<f32>> = meant.iter().filter_map(|name| new.get(place(name)?)).collect();
+            for own in &own {
+                score.data.iter_mut().zip(&own.data).for_each(|(s, own)| *s = s.max(*own));
+            }
+            // Other prompts stay as they are, to the last bit.
+            if !corrections.is_empty() || !own.is_empty() {
+                score.data.iter_mut().for_each(|s| *s = s.min(query.certainty));
+            }
         }
         Ok(())
     }
@@ -323,6 +332,12 @@ impl Engine {
         self.carried_marks = Some(marked);
         found
     }
+}
+
+/// Returns the names that prompts may mean: those that some mark shows and, where features find any words,
+/// those that marks only correct.
+fn names_to_know(scene: &Scene, marks: &Marks) -> Vec<String> {
+    if scene.finds_any_words() { marks.names() } else { marks.shown_names() }
 }
 
 /// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand.

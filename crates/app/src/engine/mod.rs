@@ -151,6 +151,9 @@ pub struct Engine {
     outside: Outside,
     travelling: Option<layers::Travelling>,
     relevancy: Option<Fastest>,
+    /// Scores that are corrected, apart from those of prompts: tables adapt to all that is looked up in them,
+    /// and no other prompt may change. Made for the first correction.
+    uncorrected: Option<Fastest>,
     settings: RelevancySettings,
     asking: Asking,
     /// Marks by hand, and those that count in each chapter of a long scene, as far as they were needed.
@@ -221,6 +224,7 @@ impl Engine {
         let chosen_encoder = options.encoder.folder().map(Path::to_owned);
         Ok(Self {
             relevancy: open_relevancy(&scene),
+            uncorrected: None,
             asking: Asking::new(&scene, options.encoder, &settings).with_encoder(&scene, encoder),
             scene,
             recording,
@@ -524,5 +528,7 @@ fn no_features(scene: &Scene) -> Error {
 
 #[cfg(test)]
 pub(crate) mod asking_tests;
+#[cfg(test)]
+mod marked_tests;
 #[cfg(test)]
 mod tests;

@@ -136,6 +136,17 @@ impl ChapterMarks {
         &self.all
     }
 
+    /// Returns the marks by hand that correct what the scene finds by its features, in the chapter that it
+    /// holds: they do not reach other chapters, and outlines deny nothing of it.
+    pub fn correcting(&self, scene: &Scene) -> Marks {
+        let learned = scene.chapters.current().map(|chapter| &chapter.learned);
+        let is_here = |frame: usize| match learned {
+            Some(learned) => learned.contains(&frame),
+            None => scene.chapters.is_empty(),
+        };
+        self.all.filtered(|mark| is_here(mark.frame) && scene.corrects(&mark.name))
+    }
+
     /// Returns the marks that count in the chapter that `scene` holds. These are the marks on its frames and,
     /// for names that are marked in other chapters alone, masks on its first or last frame. Names that are
     /// not seen there, or that a cut parts from the chapter, are re-detected on its frames. A scene without

@@ -134,11 +134,25 @@ fn corrections_of_what_the_scene_finds_stay_in_their_chapter() {
     let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
     let mut marks = liver_and_fat();
     marks[0].add = false;
-    let mut chapter_marks = ChapterMarks::new(&Marks::new(marks, &canvas).unwrap());
+    let mut chapter_marks = ChapterMarks::new(&Marks::new(marks.clone(), &canvas).unwrap());
     let scene = chapters.of_chapter(1).unwrap();
     assert!(scene.finds("liver") && !scene.finds("fat"));
     let found = chapter_marks.marks(&scene, &mut |i| picture(&scene, i)).unwrap();
     assert_eq!(found.names(), ["fat"]);
+    // Marks by hand alone correct, not what outlines deny.
+    let correcting = |chapters: &Scene, index: usize| {
+        let outline = Mark::new(0, "fat", true, Shape::Box { corners_px: [[40.0, 4.0], [56.0, 16.0]] });
+        let marks = Marks::new(vec![outline, marks[0].clone()], &canvas).unwrap();
+        ChapterMarks::new(&marks).correcting(&chapters.of_chapter(index).unwrap())
+    };
+    assert_eq!([0, 1].map(|index| correcting(&chapters, index).names()), [vec!["liver".to_owned()], vec![]]);
+    // Without a list of classes, words are found, whatever they are.
+    chapters.classes.clear();
+    let here = correcting(&chapters, 0);
+    assert_eq!((here.names(), here.standing().count()), (vec!["fat".to_owned(), "liver".to_owned()], 2));
+    assert!(correcting(&chapters, 2).is_empty());
+    chapters.codec = None;
+    assert!(correcting(&chapters, 0).is_empty(), "without features there is nothing to correct");
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! Corrections of a class that the scene knows by its features.
+//! Corrections of what the scene finds by its features: its classes or, without a list of classes, the words
+//! that name a mark.
 
 use super::{
     Evidence, Graph, Mark, Marks,
@@ -13,10 +14,10 @@ use std::{collections::BTreeMap, sync::Arc};
 /// Pull of no change: much larger than without features, so that a correction stays around its mark.
 const PULL: f32 = 0.05;
 
-/// Gives the scores of a class on a frame, as they are before they are corrected.
+/// Gives the scores of a name on a frame, as they are before they are corrected.
 pub type ScoresBefore<'a> = dyn FnMut(&str, usize) -> Result<Arc<Grid<f32>>> + 'a;
 
-/// Change of the scores of one class.
+/// Change of the scores of one name.
 #[derive(Clone, Debug)]
 pub struct Correction {
     /// Change of the score of each Gaussian, −1 to 1.
@@ -25,12 +26,12 @@ pub struct Correction {
 }
 
 impl Correction {
-    /// Carries marks of the scene's classes to the Gaussians, and returns the correction of each class. Pixels
+    /// Carries marks of what the scene finds to the Gaussians, and returns the correction of each name. Pixels
     /// whose score is above `threshold` show it before. Where marks say the same, nothing is to change.
     ///
     /// # Errors
     /// Scores that cannot be had.
-    pub fn of_classes(
+    pub fn of_names(
         scene: &Scene,
         graph: &Graph,
         marks: &Marks,
@@ -83,7 +84,7 @@ impl Correction {
     }
 }
 
-/// Returns `true` if outlines alone mark a class on a frame, or, where nothing marks it, all others.
+/// Returns `true` if outlines alone mark a name on a frame, or, where nothing marks it, all others.
 fn is_outlined(marks: &Marks, frame: usize, name: &str) -> bool {
     let (of_name, others): (Vec<&Mark>, Vec<&Mark>) = marks.on(frame).partition(|mark| mark.name == name);
     let deciding = if of_name.is_empty() { others } else { of_name };

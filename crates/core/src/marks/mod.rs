@@ -157,7 +157,7 @@ impl Marks {
     }
 
     /// Returns the names that some mark shows, sorted, each once. A name of which marks only say what it is
-    /// not cannot be looked for.
+    /// not cannot be looked for, unless features find it.
     pub fn shown_names(&self) -> Vec<String> {
         names_of(self.standing().filter(|mark| mark.add))
     }

@@ -329,7 +329,7 @@ fn a_correction_changes_its_surroundings_alone() {
     let before = |score: f32| Arc::new(Grid::filled(SIZE[0], SIZE[1], score));
     let correction = |marks: &Marks| {
         let mut before = |_: &str, _| Ok(before(0.8));
-        Correction::of_classes(&scene, &graph, marks, 0.6, &mut before).unwrap().remove("liver").unwrap()
+        Correction::of_names(&scene, &graph, marks, 0.6, &mut before).unwrap().remove("liver").unwrap()
     };
     let mark = stroke(0, "liver", false, &[[6.0, 6.0], [10.0, 6.0]]);
     let marks = Marks::new(vec![mark], &canvas()).unwrap();

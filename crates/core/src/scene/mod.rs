@@ -148,6 +148,14 @@ impl Scene {
     pub fn finds(&self, name: &str) -> bool {
         self.codec.is_some() && self.classes.iter().any(|(class, _)| class.name == name)
     }
+    /// Returns `true` if the scene finds any words by its features: it has no list of classes to find.
+    pub fn finds_any_words(&self) -> bool {
+        self.codec.is_some() && self.classes.is_empty()
+    }
+    /// Returns `true` if marks of a name correct what the scene finds by its features.
+    pub fn corrects(&self, name: &str) -> bool {
+        self.finds(name) || self.finds_any_words()
+    }
     /// Returns the revision of Gaussians and motion: scenes of equal revision look the same.
     pub fn revision(&self) -> [u64; 2] {
         [self.gaussians.revision(), self.deformation.revision()]
