@@ -159,6 +159,22 @@ fn marks_of_a_class_by_another_word_correct_it() {
 }
 
 #[test]
+fn a_correction_takes_gaussians_away_as_it_does_pixels() {
+    for mut engine in [engine(&["liver", "fat"], &[]), unlabelled_engine(&["liver", "fat"], 1)] {
+        let found = |engine: &mut Engine| {
+            engine.set_prompts(&["liver".to_owned(), "fat".to_owned()]).unwrap();
+            engine.gaussians_found(0.0).unwrap()
+        };
+        let before = found(&mut engine);
+        deny_liver(&mut engine);
+        let after = found(&mut engine);
+        let (all, left) = (before[0].len(), after[0].len());
+        assert!(all > 50 && left + 5 < all, "{left} of {all} are left");
+        assert!(after[0].iter().all(|i| before[0].contains(i)) && after[1] == before[1]);
+    }
+}
+
+#[test]
 fn marks_count_where_words_do_not_compete_with_classes() {
     let mut engine = engine(&["liver", "fat"], &[]);
     engine.change_settings(|usual| RelevancySettings { class_negatives: false, ..usual });

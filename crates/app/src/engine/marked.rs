@@ -316,6 +316,19 @@ impl Engine {
         Ok(self.asking.meant.iter().map(of).collect())
     }
 
+    /// Changes the scores of the Gaussians for each prompt by the corrections, once marks are carried to them.
+    pub(super) fn correct_gaussians(&self, scores: &mut [Vec<f32>]) {
+        let (Some(marked), Asking { corrected, queries, .. }) = (&self.carried_marks, &self.asking) else {
+            return;
+        };
+        for ((scores, corrected), query) in scores.iter_mut().zip(corrected).zip(queries) {
+            for correction in corrected.iter().filter_map(|name| marked.corrections.get(name)) {
+                correction.apply_to_gaussians(scores);
+                scores.iter_mut().for_each(|s| *s = s.min(query.certainty));
+            }
+        }
+    }
+
     /// Returns the place on a frame where one more mark of a new name would help most; `None` if there is no
     /// such name, or if the frame is marked.
     pub fn look_here_on(&mut self, frame: usize) -> Result<Option<LookHere>> {

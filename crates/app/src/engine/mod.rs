@@ -471,13 +471,14 @@ impl Engine {
     }
 
     /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and
-    /// they are at least as opaque as a pixel has to be.
+    /// they are at least as opaque as a pixel has to be. Marks count as they do for pixels.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         let marked = self.gaussians_marked(time)?;
         if self.relevancy.is_none() && self.chapter_marks.is_some() {
             return Ok(marked);
         }
-        let scores = self.gaussian_scores(time)?;
+        let mut scores = self.gaussian_scores(time)?;
+        self.correct_gaussians(&mut scores);
         let RelevancySettings { threshold, min_alpha, .. } = self.settings;
         let opacities = self.scene.gaussians.opacity_logits.iter().map(|o| sigmoid(*o));
         let opacities: Vec<f32> = opacities.collect();

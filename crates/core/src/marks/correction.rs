@@ -82,6 +82,13 @@ impl Correction {
         let [plane] = planes;
         scores.data = plane;
     }
+
+    /// Changes the score of each Gaussian.
+    pub fn apply_to_gaussians(&self, scores: &mut [f32]) {
+        if !self.evidence.is_empty() {
+            scores.iter_mut().zip(&self.change).for_each(|(s, c)| *s = (*s + c).clamp(0.0, 1.0));
+        }
+    }
 }
 
 /// Returns `true` if outlines alone mark a name on a frame, or, where nothing marks it, all others.

@@ -337,6 +337,11 @@ fn a_correction_changes_its_surroundings_alone() {
     let view = (scene.cameras[3], scene.time(3));
     correction(&marks).apply(&scene, view, Some(3), &mut scores);
     assert!(scores.at(8, 6) < 0.5 && (scores.at(60, 44) - 0.8).abs() < 1e-3);
+    // The Gaussians change as the pixels that show them. The last one is far from the mark.
+    let mut of_gaussians = vec![0.8_f32; scene.gaussians.len()];
+    correction(&marks).apply_to_gaussians(&mut of_gaussians);
+    let (least, last) = (of_gaussians.iter().copied().fold(1.0, f32::min), of_gaussians[24 * 32 - 1]);
+    assert!(least < 0.5 && (last - 0.8).abs() < 1e-2, "{least} {last}");
     let opposite = stroke(0, "liver", true, &[[6.0, 6.0], [10.0, 6.0]]);
     // The same pixels, but not the same shape.
     let longer = stroke(0, "liver", true, &[[6.0, 6.0], [8.0, 6.0], [10.0, 6.0]]);
