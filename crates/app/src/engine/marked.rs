@@ -8,7 +8,7 @@ use surgtpgs_core::{
     Error, Result,
     grid::Grid,
     marks::{Canvas, Carried, CarrySettings, ChapterMarks, Correction, FrameScores, Graph, LookHere, Marks},
-    raster::{Images, Renderer, render_frame},
+    raster::{FramePass, Images, Renderer, render_frame},
     relevancy::Relevancy,
     scene::Scene,
 };
@@ -204,16 +204,23 @@ impl Engine {
         let Some(relevancy) = &mut self.uncorrected else { return Ok(nothing()) };
         let query = self.asking.query_of(&self.scene, &self.settings, name)?;
         let mut scores = relevancy.score(images, &[query], &self.settings).pop().unwrap_or_else(nothing);
-        blank(&mut scores.data, self.outside.ranges(images, &self.scene.field_of_view));
+        let size = (images.width, images.height);
+        blank(&mut scores.data, self.outside.ranges(size, &self.scene.field_of_view));
         Ok(scores)
     }
 
-    /// Changes the scores of the prompts on a view by what was marked.
+    /// Changes the scores of the prompts on a view by what was marked, if anything was.
     pub(super) fn score_marked(&mut self, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
+        if self.chapter_marks.is_none() || scores.is_empty() {
+            return Ok(());
+        }
+        self.clock.start();
         self.carry_marks(view.time)?;
         let Some(mut marked) = self.carried_marks.take() else { return Ok(()) };
         let result = self.add_marked(&mut marked, view, scores);
         self.carried_marks = Some(marked);
+        self.blank_outside(view, scores);
+        self.clock.waited(FramePass::Relevancy);
         result
     }
 

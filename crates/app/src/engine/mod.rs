@@ -305,7 +305,8 @@ impl Engine {
             machine.render_into(scene, &view.camera, view.time, features, &mut images, clock)
         })?;
         if view.recorded.is_some() {
-            let outside = self.outside.ranges(&images, &self.scene.field_of_view);
+            let size = (images.width, images.height);
+            let outside = self.outside.ranges(size, &self.scene.field_of_view);
             for plane in images.planes.chunks_exact_mut((images.width * images.height).max(1)) {
                 blank(plane, outside);
             }
@@ -319,8 +320,32 @@ impl Engine {
     /// is `wanted` leaves the device.
     pub fn show(&mut self, view: &SceneView, ask: Ask, wanted: Wanted) -> Result<Shown> {
         self.turn_to(view.time)?;
+        let is_asked = ask == Ask::Now && wanted.scores && !self.asking.queries.is_empty();
+        let are_marked = is_asked && self.chapter_marks.is_some();
+        if are_marked {
+            // Corrections render other frames: what is picked later has to be in this view.
+            self.carry_marks(view.time)?;
+        }
+        let mut shown = self.show_without_marks(view, ask, wanted)?;
+        if are_marked {
+            self.score_marked(view, &mut shown.scores)?;
+        }
+        Ok(shown)
+    }
+
+    /// Shows a view with the scores that prompts have without marks. Where marks are all that can be found,
+    /// scores need no picture.
+    fn show_without_marks(&mut self, view: &SceneView, ask: Ask, wanted: Wanted) -> Result<Shown> {
+        if ask == Ask::Now && self.relevancy.is_none() && self.chapter_marks.is_some() {
+            let is_seen = wanted.picture || wanted.depth;
+            let shown = is_seen.then(|| self.show_without_marks(view, Ask::Nothing, wanted)).transpose()?;
+            let [width, height] = [view.camera.width, view.camera.height].map(|side| side as usize);
+            let num_scores = if wanted.scores { self.asking.queries.len() } else { 0 };
+            let scores = vec![Grid::filled(width, height, 0.0); num_scores];
+            return Ok(Shown { scores, ..shown.unwrap_or_default() });
+        }
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
-        if !self.machine.is_gpu() || (ask == Ask::Now && (!has_lattice || self.chapter_marks.is_some())) {
+        if !self.machine.is_gpu() || (ask == Ask::Now && !has_lattice) {
             return self.show_by_cpu(view, ask, wanted);
         }
         let features = has_lattice && ask != Ask::Nothing;
@@ -341,14 +366,14 @@ impl Engine {
         })
     }
 
-    /// Does the same as [`Engine::show`] pass by pass, with the images in memory.
+    /// Does the same as [`Engine::show_without_marks`] pass by pass, with the images in memory.
     fn show_by_cpu(&mut self, view: &SceneView, ask: Ask, wanted: Wanted) -> Result<Shown> {
         let images = self.render(view, ask != Ask::Nothing)?;
         let is_scored = ask == Ask::Now && wanted.scores;
         Ok(Shown {
             picture: wanted.picture.then(|| images.to_rgb()),
             depth: wanted.depth.then(|| images.normalised_depth()),
-            scores: if is_scored { self.scores(&images, view)? } else { Vec::new() },
+            scores: if is_scored { self.scores_without_marks(&images, view)? } else { Vec::new() },
         })
     }
 
@@ -449,10 +474,17 @@ impl Engine {
     /// Returns one score image per prompt, from images of `view` with features: 0–1, and 0 in holes and
     /// outside the field of view.
     pub fn scores(&mut self, images: &Images, view: &SceneView) -> Result<Vec<Grid<f32>>> {
+        self.turn_to(view.time)?;
+        let mut scores = self.scores_without_marks(images, view)?;
+        self.score_marked(view, &mut scores)?;
+        Ok(scores)
+    }
+
+    /// Does the same as [`Engine::scores`] without marks. Where these are all that can be found, nothing is.
+    fn scores_without_marks(&mut self, images: &Images, view: &SceneView) -> Result<Vec<Grid<f32>>> {
         if self.asking.queries.is_empty() {
             return Ok(Vec::new());
         }
-        self.turn_to(view.time)?;
         self.clock.start();
         let mut scores = match &mut self.relevancy {
             Some(relevancy) => relevancy.score(images, &self.asking.queries, &self.settings),
@@ -461,13 +493,19 @@ impl Engine {
             }
             None => return Err(no_features(&self.scene)),
         };
-        self.score_marked(view, &mut scores)?;
-        if view.recorded.is_some() {
-            let outside = self.outside.ranges(images, &self.scene.field_of_view);
-            scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
-        }
+        self.blank_outside(view, &mut scores);
         self.clock.lap(FramePass::Relevancy);
         Ok(scores)
+    }
+
+    /// Makes sure that nothing is found outside the field of view, if the view was recorded.
+    fn blank_outside(&mut self, view: &SceneView, scores: &mut [Grid<f32>]) {
+        let Some(size) = scores.first().map(|s| (s.width, s.height)).filter(|_| view.recorded.is_some())
+        else {
+            return;
+        };
+        let outside = self.outside.ranges(size, &self.scene.field_of_view);
+        scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
     }
 
     /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and

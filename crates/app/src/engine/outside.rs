@@ -1,7 +1,7 @@
 //! Parts of images that are outside the endoscope's field of view.
 
 use std::ops::Range;
-use surgtpgs_core::{grid::Mask, raster::Images};
+use surgtpgs_core::grid::Mask;
 
 /// Pixels outside the field of view, for images of one size.
 #[derive(Default)]
@@ -12,8 +12,7 @@ pub(super) struct Outside {
 
 impl Outside {
     /// Returns the pixels as runs; none without a mask. The mask is sampled at the images' size.
-    pub(super) fn ranges(&mut self, images: &Images, field_of_view: &Mask) -> &[Range<usize>] {
-        let size = (images.width, images.height);
+    pub(super) fn ranges(&mut self, size: (usize, usize), field_of_view: &Mask) -> &[Range<usize>] {
         if self.size != size {
             self.size = size;
             self.ranges = outside(size, field_of_view);

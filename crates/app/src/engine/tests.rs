@@ -59,6 +59,29 @@ fn a_name_that_marks_only_deny_cannot_be_looked_for() {
 }
 
 #[test]
+fn marks_alone_are_shown_without_rendering_a_picture() {
+    use surgtpgs_core::marks::{Mark, Marks, Shape};
+    for backend in [Some(BackendChoice::Cpu), adapter().map(|_| BackendChoice::Gpu)].into_iter().flatten() {
+        let options = EngineOptions { backend, ..Default::default() };
+        let scene = Arc::new(surgtpgs_core::stress::ordinary(200));
+        let mut engine = Engine::new(scene, None, options).unwrap();
+        let shape = Shape::Box { corners_px: [[8.0, 8.0], [40.0, 32.0]] };
+        let marks = Marks::new(vec![Mark::new(0, "duct", true, shape)], &engine.canvas()).unwrap();
+        engine.set_marks(marks).unwrap();
+        engine.set_prompts(&["duct".to_owned()]).unwrap();
+        let view = engine.view(0).unwrap();
+        let scores = Wanted { scores: true, ..Wanted::default() };
+        let shown = engine.show(&view, Ask::Now, scores).unwrap();
+        assert_eq!(engine.clock().runs(FramePass::Raster), 0, "{backend:?}");
+        assert!(shown.scores[0].at(20, 20) > 0.5 && shown.picture.is_none(), "{backend:?}");
+        let all = engine.show(&view, Ask::Now, Wanted::ALL).unwrap();
+        assert!(all.scores == shown.scores && all.picture.is_some() && all.depth.is_some(), "{backend:?}");
+        let images = engine.render(&view, true).unwrap();
+        assert!(engine.scores(&images, &view).unwrap() == shown.scores, "{backend:?}");
+    }
+}
+
+#[test]
 fn spellings_of_a_marked_name_are_one() {
     use surgtpgs_core::marks::{Mark, Marks, Shape};
     let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };

@@ -289,7 +289,7 @@ mod tests {
         BackendChoice, Negatives,
         asking_tests::{adapter, engine_on},
     };
-    use surgtpgs_core::relevancy::RelevancySettings;
+    use surgtpgs_core::{marks::Shape, relevancy::RelevancySettings};
     use surgtpgs_render::Traffic;
 
     #[test]
@@ -327,6 +327,34 @@ mod tests {
         let bytes = read_back(&mut source, before);
         // Both scores, and once more where pixels were left open, which come back as well: less than with depth.
         assert!(bytes < 2 * 3 * 4 * pixels, "{bytes}");
+    }
+
+    #[test]
+    fn marks_correct_scores_that_a_gpu_computes() {
+        if adapter().is_none() {
+            return;
+        }
+        let engine = engine_on(BackendChoice::Gpu, &["liver", "fat", "grasper"], &[]);
+        let camera = engine.scene().cameras[0];
+        let pixels = u64::from(camera.width * camera.height);
+        let mut source = SceneSource::new(engine, PathBuf::new(), None);
+        let corners_px = [[0.0; 2], [camera.width as f32, camera.height as f32]];
+        source.set_marks(&[Mark::new(0, "liver", false, Shape::Box { corners_px })]).unwrap();
+        let negatives = Negatives::of(&RelevancySettings::default());
+        let questions = ["liver", "fat"].map(|words| Question::words(words, negatives.clone()));
+        let view = FrameView::default();
+        // The first answer renders the marked frame, too.
+        assert!(source.scores(&view, &questions).iter().all(Result::is_ok));
+        source.engine.forget_last();
+        let before = source.engine.gpu().unwrap().gpu().traffic();
+        let scores = source.scores(&view, &questions);
+        let bytes = source.engine.gpu().unwrap().gpu().traffic().since(&before).read_back;
+        assert!(bytes < 2 * 3 * 4 * pixels, "{bytes}: as without marks");
+        let area = |scores: &Result<Grid<f32>>| {
+            scores.as_ref().unwrap().data.iter().filter(|score| **score > 0.5).count()
+        };
+        let [liver, fat] = [0, 1].map(|k| area(&scores[k]));
+        assert!(liver == 0 && fat > 20, "{liver} {fat}");
     }
 
     #[test]
