@@ -95,10 +95,20 @@ impl Engine {
         self.chapter_marks.as_ref().map(|chapter_marks| &**chapter_marks.by_hand())
     }
 
-    /// Names those of the marks that show nothing, see [`Marks::notes`].
+    /// Names those of the marks that show nothing, see [`Marks::notes`], and the names that marks only deny
+    /// although nothing finds them.
     pub fn mark_notes(&self) -> Vec<String> {
-        let notes = |marks: &Marks| marks.notes(&self.canvas(), &self.scene.field_of_view, |_| true);
-        self.marks().map(notes).unwrap_or_default()
+        let Some(marks) = self.marks() else { return Vec::new() };
+        let mut notes = marks.notes(&self.canvas(), &self.scene.field_of_view, |_| true);
+        let is_shown = |name: &String| marks.all().iter().any(|mark| mark.add && mark.name == *name);
+        let names = marks.names().into_iter();
+        let only_denied = names.filter(|name| !self.scene.corrects(name) && !is_shown(name));
+        notes.extend(only_denied.map(|name| {
+            format!(
+                "\"{name}\" is marked only as what it is not, which changes nothing: mark what it is, too"
+            )
+        }));
+        notes
     }
 
     /// Carries the marks to the chapter that is shown at `time`, unless that is done. It can take seconds, and

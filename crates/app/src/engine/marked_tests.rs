@@ -60,6 +60,7 @@ fn what_is_only_denied_is_taken_away_on_all_frames_and_comes_back_with_an_undo()
     let before = scores(&mut engine, &words);
     let denied = rectangle(0, "Liver", false, WHOLE);
     set_marks(&mut engine, std::slice::from_ref(&denied));
+    assert!(engine.mark_notes().is_empty(), "a correction alone says enough");
     let after = scores(&mut engine, &words);
     let [found, left] = [&before, &after].map(|scores| each_found_in(scores, WHOLE));
     assert!(found.iter().all(|px| *px > 20) && left[0] == 0, "{found:?} {left:?}");

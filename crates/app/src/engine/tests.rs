@@ -55,6 +55,9 @@ fn a_name_that_marks_only_deny_cannot_be_looked_for() {
         engine.set_marks(marks).unwrap();
         engine.set_prompts(&["duct".to_owned()]).unwrap();
         assert_eq!(engine.answers()[0].absence, absence, "{:?}", engine.answers());
+        let notes = engine.mark_notes();
+        assert!(notes.iter().all(|note| note.contains("\"duct\" is marked only as what it is not")));
+        assert_eq!(notes.len(), usize::from(!add), "{notes:?}");
     }
 }
 
