@@ -144,7 +144,7 @@ fn clicks_become_masks_before_they_are_carried() {
     fs::write(place.path().join("marks.json"), format!("{{\"marks\": [{}]}}", clicks.join(", "))).unwrap();
     let export = ["export", "scene.safetensors", "-o", "out", "--format", "binary", "--marks", "marks.json"];
     let prompts: Vec<&str> = CLASSES.iter().flat_map(|(name, _)| ["--prompt", name]).collect();
-    run(&[&export[..], &["--masks-model", "sam"], &prompts].concat()).ok();
+    run(&[&export[..], &["--marks-model", "sam"], &prompts].concat()).ok();
     for (class, (name, _)) in CLASSES.iter().enumerate() {
         for frame in [0, 4] {
             let found =
@@ -152,7 +152,7 @@ fn clicks_become_masks_before_they_are_carried() {
             assert!(found > 0.75, "{name} on frame {frame}: {found}");
         }
     }
-    let refused = run(&[&export[..], &["--masks-model", "clip", "--force"], &prompts].concat());
+    let refused = run(&[&export[..], &["--marks-model", "clip", "--force"], &prompts].concat());
     assert!(refused.refused(1).contains("two model files"));
 }
 

@@ -185,14 +185,14 @@ pub(super) struct MarkArgs {
     pub(super) marks: Option<PathBuf>,
     /// A folder with a Segment Anything: clicks and boxes of the marks become the masks that it finds there
     #[arg(long, value_name = "DIR", requires = "marks")]
-    masks_model: Option<PathBuf>,
+    marks_model: Option<PathBuf>,
 }
 
 impl MarkArgs {
     /// Carries the marks to the scene, if there are any, and names those that show nothing.
     pub(super) fn give_to(&self, engine: &mut Engine) -> Result<()> {
         let Some(path) = self.marks.as_deref() else { return Ok(()) };
-        engine.read_marks(path, self.masks_model.as_deref())?;
+        engine.read_marks(path, self.marks_model.as_deref())?;
         engine.mark_notes().iter().for_each(|note| say(&format!("note: {note}")));
         Ok(())
     }

@@ -44,6 +44,9 @@ pub(super) struct PrepareArgs {
     /// or masks are for query, export and eval
     #[arg(long, value_name = "MARKS")]
     marks: Option<PathBuf>,
+    /// A folder with a Segment Anything: clicks and boxes of the marks become the masks that it finds there
+    #[arg(long, value_name = "DIR", requires = "marks")]
+    marks_model: Option<PathBuf>,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
     /// (.onnx, .ort)
     #[arg(long, value_name = "DIR", requires = "image_encoder")]
@@ -185,7 +188,8 @@ impl PrepareArgs {
     }
 
     fn runs_models(&self) -> bool {
-        [&self.masks_model, &self.dense_encoder, &self.depth_model].into_iter().any(Option::is_some)
+        let models = [&self.masks_model, &self.marks_model, &self.dense_encoder, &self.depth_model];
+        models.into_iter().any(Option::is_some)
     }
 
     /// Returns the source of features; the command line allows no other combination.
@@ -195,7 +199,7 @@ impl PrepareArgs {
             return FeatureSource::Dense { network: network.clone() };
         }
         if let Some(marks) = &self.marks {
-            return FeatureSource::Marks(marks.clone());
+            return FeatureSource::Marks { file: marks.clone(), model: self.marks_model.clone() };
         }
         match (&self.masks_model, &self.image_encoder, &self.features) {
             (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },

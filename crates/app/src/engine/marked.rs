@@ -48,9 +48,9 @@ impl Engine {
 
     /// Reads a file of marks, see [`Engine::set_marks`]. With a folder of a Segment Anything, clicks and boxes
     /// become the masks that it finds there first. Both are inputs from now on.
-    pub fn read_marks(&mut self, path: &Path, masks_model: Option<&Path>) -> Result<()> {
+    pub fn read_marks(&mut self, path: &Path, model: Option<&Path>) -> Result<()> {
         let mut marks = Marks::read_for(path, &self.canvas(), || self.sequence().cloned())?;
-        if let Some(folder) = masks_model {
+        if let Some(folder) = model {
             let Some(sequence) = self.sequence() else {
                 let what = "the recording is not at hand, in which masks of clicks and boxes are looked for";
                 return Err(Error::input(what, "Name it with --sequence."));
@@ -58,7 +58,7 @@ impl Engine {
             marks = marks.with_masks(&mut SegmentAnything::open(folder)?, |i| sequence.frame(i))?;
         }
         self.set_marks(marks)?;
-        self.marks_files = [path].into_iter().chain(masks_model).map(Path::to_owned).collect();
+        self.marks_files = [path].into_iter().chain(model).map(Path::to_owned).collect();
         Ok(())
     }
 

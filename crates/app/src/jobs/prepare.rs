@@ -51,8 +51,13 @@ pub enum FeatureSource {
     /// Label masks and class names.
     #[default]
     Labels,
-    /// Marks by hand: a file of marks, which training carries to all frames.
-    Marks(PathBuf),
+    /// Marks by hand, which training carries to all frames.
+    Marks {
+        /// File of the marks.
+        file: PathBuf,
+        /// Folder with a Segment Anything that makes masks of clicks and boxes.
+        model: Option<PathBuf>,
+    },
     /// Automatic masks and the embeddings of what they show.
     Masks {
         /// Folder with a Segment Anything.
@@ -105,9 +110,9 @@ pub fn prepare_folder(
 impl PrepareOptions {
     /// Names the marks that show nothing, if features come from marks, see [`Marks::notes`].
     pub fn mark_notes(&self, sequence: &Sequence) -> Result<Vec<String>> {
-        let FeatureSource::Marks(path) = &self.source else { return Ok(Vec::new()) };
+        let FeatureSource::Marks { file, .. } = &self.source else { return Ok(Vec::new()) };
         let is_used = |frame: usize| !(self.eval && Sequence::is_test_frame(frame));
-        Ok(read_marks(path, sequence)?.notes(&sequence.canvas(), sequence.field_of_view(), is_used))
+        Ok(read_marks(file, sequence)?.notes(&sequence.canvas(), sequence.field_of_view(), is_used))
     }
 
     /// Returns the files and folders that are read besides the recording.
@@ -120,7 +125,9 @@ impl PrepareOptions {
             .with_some("the labels", self.labels_from.as_deref());
         match &self.source {
             FeatureSource::Labels => inputs,
-            FeatureSource::Marks(path) => inputs.with("the marks", path),
+            FeatureSource::Marks { file, model } => {
+                inputs.with("the marks", file).with_some("the network for marks", model.as_deref())
+            }
             FeatureSource::Masks { model, image_encoder, .. } => {
                 inputs.with("the mask network", model).with("the image encoder", image_encoder)
             }
@@ -226,7 +233,7 @@ impl<'a> Features<'a> {
         sequence: &Sequence,
         observer: &mut Observer<'_>,
     ) -> Result<Self> {
-        if !matches!(options.source, FeatureSource::Labels | FeatureSource::Marks(_)) {
+        if !matches!(options.source, FeatureSource::Labels | FeatureSource::Marks { .. }) {
             require_few_frames(sequence, options.eval)?;
         }
         Ok(match &options.source {
@@ -235,8 +242,11 @@ impl<'a> Features<'a> {
                 let names = sequence.classes().iter().map(|class| &*class.name);
                 Self::Labels { embeddings: embedded(text, names.chain([BACKGROUND]))? }
             }
-            FeatureSource::Marks(path) => {
-                let marks = read_marks(path, sequence)?;
+            FeatureSource::Marks { file, model } => {
+                let mut marks = read_marks(file, sequence)?;
+                if let Some(folder) = model {
+                    marks = marks.with_masks(&mut SegmentAnything::open(folder)?, |i| sequence.frame(i))?;
+                }
                 require_marks(sequence, &marks, options.eval, observer)?;
                 let names = marks.names();
                 let embeddings = embedded(text, names.iter().map(String::as_str).chain([BACKGROUND]))?;

@@ -89,6 +89,9 @@ const FEATURE_SOURCES: [&str; 6] =
 /// Key of the marks. Beside another source of features they correct what it finds.
 const MARKS: &str = "marks";
 
+/// Name of the option for the network that makes masks of them.
+const MARKS_MODEL: &str = "marks-model";
+
 /// Key of the parts of the frames to hide. A prepared folder knows them itself.
 const HIDE: &str = "hide";
 
@@ -194,12 +197,15 @@ impl BatchJob {
                 command.extend(["--sequence".into(), self.recording.clone().into_os_string()]);
             }
             let mut inputs = Vec::new();
-            let left_out = match step {
-                Step::Prepare if has_any(&FEATURE_SOURCES[..FEATURE_SOURCES.len() - 1]) => Some(MARKS),
-                Step::Train if has_features => Some(HIDE),
-                _ => None,
+            let left_out: &[&str] = match step {
+                Step::Prepare if has_any(&FEATURE_SOURCES[..FEATURE_SOURCES.len() - 1]) => {
+                    &[MARKS, MARKS_MODEL]
+                }
+                Step::Train if has_features => &[HIDE],
+                _ => &[],
             };
-            for arg in verbs.options(step).filter(|arg| arg.get_long() != left_out) {
+            let is_left_out = |arg: &&Arg| arg.get_long().is_some_and(|name| left_out.contains(&name));
+            for arg in verbs.options(step).filter(|arg| !is_left_out(arg)) {
                 if let Some(value) = key_of(arg).and_then(|key| settings.get(&key)) {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
@@ -376,6 +382,11 @@ mod tests {
         let all = lines("[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\nlabels = true\n");
         assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --labels");
         assert!(all[2].ends_with("/out/a/eval --marks=/m.json"), "{all:?}");
+        let all = lines(
+            "[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\nmarks_model = \"/sam\"\nlabels = true\n",
+        );
+        assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --labels");
+        assert!(all[2].ends_with("/out/a/eval --marks=/m.json --marks-model=/sam"), "{all:?}");
     }
 
     #[test]
