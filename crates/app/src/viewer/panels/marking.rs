@@ -194,9 +194,10 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     } else if here > 0 && shared.info().is_some_and(|info| info.is_unlearned(frame)) {
         let text = "This frame is not reconstructed yet: its marks wait until it is.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
-    } else if lacks_opposite(shared) {
-        let text =
-            "Now show what it is not: draw with \"Not this\", or mark what lies beside it by another name.";
+    } else if let Some(name) = lacking_opposite(shared) {
+        let text = format!(
+            "Now show what \"{name}\" is not: draw with \"Not this\", or mark what lies beside it by another name."
+        );
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     ui.horizontal_wrapped(|ui| {
@@ -221,13 +222,14 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Share of the picture from which on a structure probably takes what is not of it.
 const LARGE: f32 = 0.25;
 
-/// Returns `true` if what the tool marks is marked already, the recording has no class for it, nothing says
-/// what it is not, and it is alone or found nearly everywhere.
-fn lacks_opposite(shared: &Shared) -> bool {
+/// Returns a marked name that has no class and of which nothing says what it is not, if it is alone, or found
+/// nearly everywhere beside one other; first of all that of the tool. Three names tell each other apart.
+fn lacking_opposite(shared: &Shared) -> Option<&str> {
     let (marks, tool) = (shared.document.marks(), shared.viewport.marking.plain_name());
     let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
     let is_new = |name: &&str| !classes.iter().any(|class| is_same_name(class, name));
-    let new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
+    let mut new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
+    new.sort_by_key(|name| !is_same_name(name, &tool));
     let is_large = |name: &str| {
         let prompt = shared.document.prompts().iter().find(|p| p.is_marked_as(name));
         let finding = prompt.and_then(|p| shared.finding(p.id, &p.text));
@@ -238,8 +240,8 @@ fn lacks_opposite(shared: &Shared) -> bool {
         let own: Vec<&Mark> = marks.all().iter().filter(|mark| mark.name == name).collect();
         own.iter().all(|mark| mark.add) && own.iter().any(|mark| !mark.shape.is_outlined())
     };
-    let own = new.iter().find(|name| is_same_name(name, &tool));
-    own.is_some_and(|name| is_open(name) && (new.len() == 1 || is_large(name)))
+    let lacks = |name: &&str| is_open(name) && (new.len() == 1 || is_large(name));
+    new.iter().copied().filter(|_| new.len() <= 2).find(lacks)
 }
 
 /// Says that marks wait for a reconstruction.
