@@ -226,10 +226,10 @@ impl H264 {
     fn start_at(&self, start: Start) -> Result<Running> {
         let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
         let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
-            .map_err(|e| self.damaged(start.frame, &e.to_string()))?;
+            .map_err(|e| self.damaged(start.frame, &in_short(&e)))?;
         let mut stream = Vec::new();
         self.description(start.sample).parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
-        decoder.decode(&stream).map_err(|e| self.damaged(start.frame, &e.to_string()))?;
+        decoder.decode(&stream).map_err(|e| self.damaged(start.frame, &in_short(&e)))?;
         Ok(Running { decoder, file: self.open_file()?, next_sample: start.sample, next_frame: start.frame })
     }
 
@@ -267,7 +267,7 @@ impl H264 {
             parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
         }
         units(&sample, *framing).for_each(|unit| push_unit(&mut stream, unit));
-        let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &in_short(&e)))?;
         if let Some(picture) = picture {
             cache.insert(running.next_frame, self.to_rgb(&picture, running.next_frame)?, wanted);
             running.next_frame += 1;
@@ -278,7 +278,7 @@ impl H264 {
 
     /// Fetches the pictures that the decoder still holds back to show them in order.
     fn flush(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
-        let pictures = running.decoder.flush_remaining().map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        let pictures = running.decoder.flush_remaining().map_err(|e| self.damaged(wanted, &in_short(&e)))?;
         for picture in &pictures {
             cache.insert(running.next_frame, self.to_rgb(picture, running.next_frame)?, wanted);
             running.next_frame += 1;
@@ -372,6 +372,12 @@ fn units(sample: &[u8], framing: Framing) -> impl Iterator<Item = &[u8]> {
 /// brightness in both directions (4:2:0), the only form that the decoder knows.
 fn may_be_420(unit: &[u8]) -> bool {
     sequence_parameters(unit).is_none_or(|set| set.chroma_info.chroma_format == ChromaFormat::YUV420)
+}
+
+/// Returns the first sentence of the decoder's message; the others tell of its insides.
+fn in_short(error: &openh264::Error) -> String {
+    let text = error.to_string();
+    text.split(". ").next().unwrap_or_default().to_owned()
 }
 
 /// Appends a NAL unit with its start code (H.264, annex B).
