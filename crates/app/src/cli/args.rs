@@ -50,7 +50,7 @@ impl From<ProviderArg> for Provider {
 pub(super) struct HideArgs {
     /// Part of every frame to make black, in pixels, such as a burnt-in name; may be given several times. What is
     /// made of the recording remembers it
-    #[arg(long, value_name = "X,Y,W,H")]
+    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
     pub(super) hide: Vec<HiddenRectangle>,
 }
 

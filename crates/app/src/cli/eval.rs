@@ -29,7 +29,7 @@ pub(super) struct EvalArgs {
     /// Score the masks in this folder instead of a scene: FRAME_CLASS.png or CLASS/FRAME.png (white =
     /// found, or opaque), FRAME.png (class ids), or K/CLASS.png for the K-th held-out frame; a frame with no
     /// mask at all is not looked at
-    #[arg(long, value_name = "DIR", conflicts_with = "marks")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["marks", "marks_model"])]
     masks: Option<PathBuf>,
     /// Marks by hand; then frames with a mark are not looked at
     #[command(flatten)]

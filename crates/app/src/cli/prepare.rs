@@ -46,6 +46,7 @@ pub(super) struct PrepareArgs {
     marks: Option<PathBuf>,
     /// A folder with a Segment Anything: clicks and boxes of the marks become the masks that it finds there
     #[arg(long, value_name = "DIR", requires = "marks")]
+    #[arg(conflicts_with_all = ["labels", "labels_from", "masks_model", "dense_encoder", "features"])]
     marks_model: Option<PathBuf>,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
     /// (.onnx, .ort)
@@ -264,6 +265,7 @@ mod tests {
         assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
         assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
         assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(parses("--marks m.json --marks-model sam") && !parses("--labels --marks-model sam"));
         assert!(parses("--labels-from tasks.json") && !parses("--labels --labels-from tasks.json"));
         assert!(parses("--marks marks.json") && !parses("--labels --marks marks.json"));
         assert!(

@@ -50,15 +50,19 @@ impl Engine {
     /// become the masks that it finds there first. Both are inputs from now on.
     pub fn read_marks(&mut self, path: &Path, model: Option<&Path>) -> Result<()> {
         let mut marks = Marks::read_for(path, &self.canvas(), || self.sequence().cloned())?;
+        let mut network_sha256 = None;
         if let Some(folder) = model {
             let Some(sequence) = self.sequence() else {
                 let what = "the recording is not at hand, in which masks of clicks and boxes are looked for";
                 return Err(Error::input(what, "Name it with --sequence."));
             };
-            marks = marks.with_masks(&mut SegmentAnything::open(folder)?, |i| sequence.frame(i))?;
+            let mut network = SegmentAnything::open(folder)?;
+            marks = marks.with_masks(&mut network, &self.scene.field_of_view, |i| sequence.frame(i))?;
+            network_sha256 = Some(network.sha256().to_owned());
         }
         self.set_marks(marks)?;
-        self.marks_files = [path].into_iter().chain(model).map(Path::to_owned).collect();
+        self.marks_model_sha256 = network_sha256;
+        (self.marks_file, self.marks_model) = (Some(path.to_owned()), model.map(Path::to_owned));
         Ok(())
     }
 
@@ -88,6 +92,11 @@ impl Engine {
             None => ChapterMarks::new(&marks),
         });
         Ok(())
+    }
+
+    /// Returns the SHA-256 over the network that made masks of the marks that were read, hexadecimal.
+    pub(crate) fn marks_model_sha256(&self) -> Option<&str> {
+        self.marks_model_sha256.as_deref()
     }
 
     /// Returns the marks by hand.

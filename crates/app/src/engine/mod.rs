@@ -166,8 +166,11 @@ pub struct Engine {
     graph: Option<Arc<Graph>>,
     /// Chapter of a long scene that was turned from last, with its marks.
     turned_from: Option<TurnedFrom>,
-    /// File that the marks were read from, and folder of the network that made masks of them.
-    marks_files: Vec<PathBuf>,
+    /// File that the marks were read from.
+    marks_file: Option<PathBuf>,
+    /// Folder of the network that made masks of them, and the SHA-256 over it.
+    marks_model: Option<PathBuf>,
+    marks_model_sha256: Option<String>,
     /// Folder of the text encoder that was chosen in place of the scene's.
     chosen_encoder: Option<PathBuf>,
 }
@@ -241,7 +244,9 @@ impl Engine {
             pending: Arc::default(),
             graph: None,
             turned_from: None,
-            marks_files: Vec::new(),
+            marks_file: None,
+            marks_model: None,
+            marks_model_sha256: None,
             chosen_encoder,
         })
     }
@@ -258,8 +263,9 @@ impl Engine {
             .with("the scene", path)
             .with("the scene's recording", &self.scene.provenance.sequence_path)
             .with_some("the text encoder", encoder)
-            .with_some("the text encoder", self.chosen_encoder.as_deref());
-        let inputs = self.marks_files.iter().fold(inputs, |inputs, file| inputs.with("the marks", file));
+            .with_some("the text encoder", self.chosen_encoder.as_deref())
+            .with_some("the marks", self.marks_file.as_deref())
+            .with_some("the network for marks", self.marks_model.as_deref());
         self.sequence().into_iter().fold(inputs, Inputs::with_recording)
     }
 

@@ -206,6 +206,7 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
         Provenance::new(engine.scene(), hash, &chosen.encoder, settings, names, prompts, options.clone());
     provenance.left_out = chosen.left_out;
     provenance.marks_sha256 = engine.marks().map(Marks::digest);
+    provenance.marks_model_sha256 = engine.marks_model_sha256().map(str::to_owned);
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
     provenance.hidden = engine.hidden().to_vec();

@@ -245,7 +245,9 @@ impl<'a> Features<'a> {
             FeatureSource::Marks { file, model } => {
                 let mut marks = read_marks(file, sequence)?;
                 if let Some(folder) = model {
-                    marks = marks.with_masks(&mut SegmentAnything::open(folder)?, |i| sequence.frame(i))?;
+                    let mut network = SegmentAnything::open(folder)?;
+                    let field_of_view = sequence.field_of_view();
+                    marks = marks.with_masks(&mut network, field_of_view, |i| sequence.frame(i))?;
                 }
                 require_marks(sequence, &marks, options.eval, observer)?;
                 let names = marks.names();

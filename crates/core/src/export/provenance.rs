@@ -80,6 +80,9 @@ pub struct Provenance {
     /// SHA-256 over the marks by hand that the answers follow, hexadecimal; `None` without marks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub marks_sha256: Option<String>,
+    /// SHA-256 over the network that made masks of what marks point at, hexadecimal; `None` without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub marks_model_sha256: Option<String>,
     /// SHA-256 over the identifiers of the DICOM files that a segmentation refers to, hexadecimal; `None` without
     /// references. The identifiers themselves are in the segmentation alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -137,6 +140,7 @@ impl Provenance {
             rendered_by: without_threads(&rendered_by),
             prompts,
             marks_sha256: None,
+            marks_model_sha256: None,
             dicom_sources_sha256: None,
             left_out: Vec::new(),
             calibration: scene.words.summary(),

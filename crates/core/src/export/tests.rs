@@ -66,6 +66,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         prompts: vec![prompt("Bile sac", [0, 200, 255]), prompt("liver", [230, 80, 230])],
         left_out: Vec::new(),
         marks_sha256: None,
+        marks_model_sha256: None,
         dicom_sources_sha256: None,
         calibration: serde_json::Value::Null,
         options: ExportOptions { formats: formats.to_vec(), exclusive, ..Default::default() },

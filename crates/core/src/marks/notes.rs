@@ -81,14 +81,14 @@ impl Marks {
 }
 
 /// Returns `true` if no pixel of a mark lies inside of the endoscope's picture.
-fn lies_outside(mark: &Mark, [width, height]: [usize; 2], inside: &Mask) -> bool {
+pub(super) fn lies_outside(mark: &Mark, [width, height]: [usize; 2], inside: &Mask) -> bool {
     let pixels = mark.shape.pixels(width, height);
     let mut marked = (0..pixels.data.len()).filter(|i| pixels.data[*i]).peekable();
     marked.peek().is_some() && !marked.any(|i| is_inside(inside, i))
 }
 
 /// Returns `true` if a pixel lies inside of the endoscope's picture; every pixel does if that is not known.
-fn is_inside(inside: &Mask, i: usize) -> bool {
+pub(super) fn is_inside(inside: &Mask, i: usize) -> bool {
     inside.data.get(i).is_none_or(|inside| *inside)
 }
 

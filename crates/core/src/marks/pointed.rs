@@ -1,9 +1,13 @@
 //! Clicks and boxes that become the masks of the objects they point at.
 
-use super::{Mark, Marks};
+use super::{
+    Mark, Marks,
+    notes::{is_inside, lies_outside},
+};
 use crate::{
     Result,
     annotations::Shape,
+    grid::Mask,
     segment::{PointSegmenter, Pointed, pointed_mask},
 };
 use image::RgbImage;
@@ -20,12 +24,24 @@ impl Mark {
     }
 
     /// Returns the mark with the mask of the object that it points at, on the picture that `segmenter` read
-    /// last, of `size` (columns, rows). Where nothing is found, and of another kind, it stays as it is.
-    pub fn with_mask(&self, segmenter: &mut dyn PointSegmenter, size: [usize; 2]) -> Result<Self> {
-        let Some(place) = self.pointed() else { return Ok(self.clone()) };
-        let found = pointed_mask(segmenter, size, place)?;
-        let shape = found.map_or_else(|| self.shape.clone(), |mask| Shape::from(&mask.to_mask()));
-        Ok(Self { shape, ..self.clone() })
+    /// last, of `size` (columns, rows). The mask ends where the endoscope's picture does: `field_of_view` is
+    /// `true` inside of that, and may have another size. Where nothing is found, outside, and of another kind,
+    /// the mark stays as it is.
+    pub fn with_mask(
+        &self,
+        segmenter: &mut dyn PointSegmenter,
+        size: [usize; 2],
+        field_of_view: &Mask,
+    ) -> Result<Self> {
+        let inside = field_of_view.sampled(size[0], size[1]);
+        let Some(place) = self.pointed().filter(|_| !lies_outside(self, size, &inside)) else {
+            return Ok(self.clone());
+        };
+        let Some(found) = pointed_mask(segmenter, size, place)? else { return Ok(self.clone()) };
+        let mut mask = found.to_mask();
+        mask.data.iter_mut().enumerate().for_each(|(i, marked)| *marked &= is_inside(&inside, i));
+        let is_empty = mask.count() == 0;
+        Ok(if is_empty { self.clone() } else { Self { shape: Shape::from(&mask), ..self.clone() } })
     }
 }
 
@@ -35,6 +51,7 @@ impl Marks {
     pub fn with_masks(
         self,
         segmenter: &mut dyn PointSegmenter,
+        field_of_view: &Mask,
         mut picture: impl FnMut(usize) -> Result<RgbImage>,
     ) -> Result<Self> {
         let mut marks = self.marks;
@@ -47,7 +64,7 @@ impl Marks {
             segmenter.set_image(&picture)?;
             let size = [picture.width() as usize, picture.height() as usize];
             for mark in on_frame {
-                *mark = mark.with_mask(segmenter, size)?;
+                *mark = mark.with_mask(segmenter, size, field_of_view)?;
             }
         }
         Ok(Self::unchecked(marks))
@@ -85,7 +102,7 @@ mod tests {
         let mut segmenter = ByColour::new(|_, _| 0.9);
         let mut read = Vec::new();
         let masked = Marks::unchecked(marks.clone())
-            .with_masks(&mut segmenter, |frame| {
+            .with_masks(&mut segmenter, &Mask::default(), |frame| {
                 read.push(frame);
                 Ok(picture(frame))
             })
@@ -106,6 +123,19 @@ mod tests {
         let mut segmenter = ByColour::new(|_, _| 0.9);
         segmenter.set_image(&RgbImage::from_pixel(128, 96, Rgb([90; 3]))).unwrap();
         let mark = click(0, true, [9.0, 9.0]);
-        assert_eq!(mark.with_mask(&mut segmenter, [128, 96]).unwrap(), mark);
+        assert_eq!(mark.with_mask(&mut segmenter, [128, 96], &Mask::default()).unwrap(), mark);
+    }
+
+    #[test]
+    fn nothing_outside_of_the_endoscope_s_picture_is_asked_for_or_marked() {
+        let mut segmenter = ByColour::new(|_, _| 0.9);
+        segmenter.set_image(&picture(0)).unwrap();
+        // What the endoscope shows begins in the middle of the tool.
+        let seen = Mask::from_vec(128, 96, (0..128 * 96).map(|i| i % 128 >= 40).collect());
+        let outside = click(0, true, [30.0, 45.0]);
+        assert_eq!(outside.with_mask(&mut segmenter, [128, 96], &seen).unwrap(), outside);
+        let tool = click(0, true, [50.0, 45.0]).with_mask(&mut segmenter, [128, 96], &seen).unwrap();
+        let pixels = tool.shape.pixels(128, 96);
+        assert!(pixels.at(50, 45) && pixels.at(40, 45) && !pixels.at(39, 45) && !pixels.at(30, 45));
     }
 }

@@ -24,9 +24,10 @@ pub fn pointed_mask(
     place: Pointed,
 ) -> Result<Option<BitMask>> {
     let settings = MaskSettings::default();
+    let within = |at: [f32; 2]| [0, 1].map(|axis| at[axis].clamp(0.0, size[axis] as f32 - 0.5));
     let prediction = match place {
-        Pointed::Point(at) => segmenter.predict(&[vec![at]], None)?,
-        Pointed::Box(corners) => segmenter.predict_box(corners)?,
+        Pointed::Point(at) => segmenter.predict(&[vec![within(at)]], None)?,
+        Pointed::Box(corners) => segmenter.predict_box(corners.map(within))?,
     };
     let prediction = checked(prediction, 1)?;
     let [width, height] = size;

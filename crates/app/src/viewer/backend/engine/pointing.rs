@@ -34,7 +34,8 @@ impl Segmenter {
             self.model.set_image(&self.sequence.frame(mark.frame)?)?;
             self.frame = Some(mark.frame);
         }
-        mark.with_mask(&mut self.model, [self.sequence.width(), self.sequence.height()])
+        let size = [self.sequence.width(), self.sequence.height()];
+        mark.with_mask(&mut self.model, size, self.sequence.field_of_view())
     }
 }
 
