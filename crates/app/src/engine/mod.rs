@@ -329,7 +329,7 @@ impl Engine {
         let is_asked = ask == Ask::Now && wanted.scores && !self.asking.queries.is_empty();
         let are_marked = is_asked && self.chapter_marks.is_some();
         if are_marked {
-            // Corrections render other frames: what is picked later has to be in this view.
+            // This leaves off for a request elsewhere, before anything is rendered in vain.
             self.carry_marks(view.time)?;
         }
         let mut shown = self.show_without_marks(view, ask, wanted)?;
